@@ -148,9 +148,12 @@ class Stepper:
             return None
         return self._core.report()
 
-    def checkpoint(self) -> _core.Checkpoint:
-        """The state of the core, for take_back."""
-        return self._core.checkpoint()
+    def checkpoint(self, to: _core.Checkpoint | None = None) -> _core.Checkpoint:
+        """The state of the core, for take_back. to: an earlier one that is not needed any more, or None."""
+        if to is None:
+            return self._core.checkpoint()
+        self._core.capture(to)
+        return to
 
     def take_back(self, to: _core.Checkpoint) -> None:
         """Put the core where it was; the report stays."""

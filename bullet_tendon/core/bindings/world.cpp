@@ -315,6 +315,7 @@ void bind_world_world(GuardedWorld& world) {
            })
       .def("restore", [](World& w, std::string_view state) { w.restore(state.data(), state.size()); })
       .def("checkpoint", &World::checkpoint)
+      .def("capture", &World::capture)
       .def("return_to", &World::return_to)
       .def("report", [](const World& w) { return w.report(); });
 }

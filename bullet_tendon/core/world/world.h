@@ -292,6 +292,8 @@ class World {
   void restore(const char* from, size_t size);
   // The same without bytes, as long as the world has the same objects. The step before is not solved again.
   std::shared_ptr<Checkpoint> checkpoint() const;
+  // The same into one that is there, in whose memory it fits mostly.
+  void capture(Checkpoint& to) const;
   void return_to(const Checkpoint& at);
 
   const Report& report() const { return step_.report; }
@@ -310,7 +312,6 @@ class World {
   // world/checkpoint.cpp
   template <class W, class C, class Copy>
   static void each_part(W& world, C& checkpoint, Copy copy);
-  void capture(Checkpoint& to) const;
   void apply(const Checkpoint& from);
   void require_state(const Checkpoint& c) const;
   void require_elements(const ElementCheckpoint& c) const;
