@@ -60,6 +60,7 @@ class Relaxation:
         self._mass = {t: float(t.masses.sum()) for t in tendons}  # [kg]
         self._heaviest = {t: float(t.masses.max()) for t in tendons}  # particle [kg]
         self._last_dt = _FIRST  # of the last step of `follow` [s]
+        self._before_it: _core.Checkpoint | None = None  # before the last step
         self.taken = 0  # steps so far
 
     def run(self, tolerance: float, max_steps: int) -> None:
@@ -128,10 +129,12 @@ class Relaxation:
         iterations, residual, settled, before = 0, np.inf, not start, start
         leapt = np.inf  # of the last step, if that was taken back
         last_motion = np.zeros(sum(x.size for x in start.values()))
+        ways = dict.fromkeys(start, 0.0)  # the sum of all motions: from the start, it is no farther
+        lost = {t: _LOST * t.rest_length for t in start}
         for count in range(max_steps):
             self._last_dt = dt
             self.taken += 1
-            before_it = stepper.checkpoint()
+            before_it = self._before_it = stepper.checkpoint(self._before_it)
             report = stepper.hold(dt, gravity, at_hand)
             if report is None:
                 return None, iterations, residual
@@ -150,8 +153,10 @@ class Relaxation:
                 dt = min(_FIRST, dt / _GROWTH) if follows else dt / _GROWTH
                 continue
             leapt = np.inf
-            if any(np.abs(x - start[t]).max() > _LOST * t.rest_length for t, x in now.items()):
-                return None, iterations, residual
+            for t, x in now.items():
+                ways[t] += moved[t]
+                if ways[t] > lost[t] and np.abs(x - start[t]).max() > lost[t]:
+                    return None, iterations, residual
             forces = {t: max(float(np.abs(t.tension).max()), weights[t], 1e-300) for t in start}  # at hand
             # What keeps it from equilibrium in this step alone: inertia and damping. Beside bodies that move,
             # the next step is a longer one in any case.
