@@ -43,12 +43,12 @@ from .bodies import Bodies
 from .errors import InvalidType, InvalidValue
 from .generalized_bodies import (
     is_fixed,
-    jacobians_and_mass,
     joint_infos,
     link_pose,
     movable_joints,
     product,
     rotation_by,
+    tree_of,
 )
 
 _FARTHEST = 0.05, 0.1  # m or rad that a coordinate moves in a step
@@ -192,6 +192,11 @@ class _Free:
     infos: tuple  # of joint_infos
     dynamics: list  # p.getDynamicsInfo of `links`
     limits: np.ndarray  # (joints, 2) lower and upper, infinite where there are none
+    tree: _core.Articulated | None  # how links hang on joints, where these are all known
+
+    def limits_of_columns(self) -> np.ndarray:
+        of_base = np.full((len(self.columns) - len(self.joints), 2), (-np.inf, np.inf))
+        return np.concatenate([of_base, self.limits])
 
 
 class Equilibrium:
@@ -208,6 +213,8 @@ class Equilibrium:
         self._bodies, self._core, self._client = bodies, core, bodies.client
         self._gravity = np.array(gravity)
         self._free = [self._checked(entry) for entry in free]
+        # (2, n) of all coordinates, lower and upper; a base has none.
+        self._limits = np.concatenate([entry.limits_of_columns() for entry in self._free]).T
         found = [entry.body for entry in self._free]
         if len(set(found)) < len(found):
             raise InvalidValue("bodies", free, "bodies that are listed once")
@@ -249,7 +256,7 @@ class Equilibrium:
                 raise InvalidValue("bodies", entry, "a body with joints, or its id alone")
             if masses[0] == 0 or len(links) > 1:
                 raise InvalidValue("bodies", entry, "a single body with mass, or one with joints")
-            return _Free(body, list(range(6)), [], links, masses, infos, dynamics, np.zeros((0, 2)))
+            return _Free(body, list(range(6)), [], links, masses, infos, dynamics, np.zeros((0, 2)), None)
         joints = movable if chosen is None else chosen
         if not isinstance(joints, (tuple, list)) or not set(joints) <= set(movable) or not joints:
             raise InvalidValue("bodies", entry, f"(bodyUniqueId, joints) with joints of {movable}")
@@ -263,7 +270,8 @@ class Equilibrium:
         p.syncBodyInfo(client)  # limits that changeDynamics has changed
         limits = np.array([p.getJointInfo(body, joint, client)[8:10] for joint in joints])
         limits[limits[:, 0] > limits[:, 1]] = -np.inf, np.inf
-        return _Free(body, columns, list(joints), links, masses, infos, dynamics, limits)
+        tree = tree_of([infos], (bool(first),))
+        return _Free(body, columns, list(joints), links, masses, infos, dynamics, limits, tree)
 
     def _inertial(self, body, link) -> tuple[np.ndarray, np.ndarray]:
         centre, turn = link_pose(body, link, self._client)
@@ -359,15 +367,19 @@ class Equilibrium:
             if load.fixed:
                 turn = jacobians[place, 3:]
                 terms.matrix[where, where] += turn.T @ load.stiffness(axes) @ turn
-            terms.potential += load.potential(centre, axes)
+                terms.potential += load.potential(centre, axes)
 
     def _jacobians(self, entry: _Free) -> np.ndarray:
         if not entry.joints:
             return np.eye(6)[None]
-        found = jacobians_and_mass(entry.body, entry.links, self._client, entry.infos, entry.dynamics)
-        if found is None:
+        if entry.tree is None:
             raise InvalidType("bodies", entry.body, "a body on joints that are known")
-        return found[0][:, :, entry.columns]
+        state = entry.body, self._client
+        bases = [(p.getBasePositionAndOrientation(*state), p.getBaseVelocity(*state))]
+        movable = movable_joints(*state, entry.infos)
+        joints = p.getJointStatesMultiDof(entry.body, movable, self._client)
+        links = [link + 1 for link in entry.links]
+        return _core.dynamics(entry.tree, entry.dynamics, bases, joints, links)[0][:, :, entry.columns]
 
     def find(self, tolerance: float, max_steps: int) -> Search:
         """Look for it.
@@ -419,11 +431,10 @@ class Equilibrium:
 
     def _room(self, place: list) -> np.ndarray:
         """(2, n) how far coordinates can move, down (<= 0) and up; beyond a limit, the way back to it."""
-        room = []
+        at = []
         for entry, (_, places) in zip(self._free, place, strict=True):
-            room += [(-np.inf, np.inf)] * (len(entry.columns) - len(entry.joints))
-            room += [*(entry.limits - np.array(places)[:, None])] if entry.joints else []
-        return np.transpose(room)
+            at += [0.0] * (len(entry.columns) - len(entry.joints)) + [*places]
+        return self._limits - at
 
     def _shortened(self, step: np.ndarray, at: _Terms) -> tuple[np.ndarray, np.ndarray]:
         """The step, in which nothing passes through anything, and the motion of particles in it."""
@@ -505,6 +516,8 @@ def _is_stopped(force, room) -> np.ndarray:
 
 def _step_within(room, free, matrix, force, scale) -> np.ndarray:
     """Newton's step of the coordinates that are free, up to where the first one comes to its limit."""
+    if np.isinf(room).all():
+        return _newton_step(matrix, force, scale)
     while True:
         step = np.zeros(len(force))
         if free.all():
