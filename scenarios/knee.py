@@ -6,8 +6,10 @@ is wanted, and held there. The tibia hangs on five joints without friction: Groo
 is exact, and joint positions are coordinates. There is no gravity and there are no muscles.
 """
 
+import math
 import os
 import tempfile
+from collections import namedtuple
 from types import SimpleNamespace
 from typing import NamedTuple
 
@@ -45,6 +47,9 @@ WINDOW, SAME_PLACE = 12, np.array([5e-6, 5e-6, 1e-4, 5e-6, 1e-4])
 DISLOCATED_LATERAL, DISLOCATED_ANTERIOR, DISLOCATED_SUPERIOR, DISLOCATED_ADDUCTION = 0.015, 0.025, 0.015, 0.5
 GONE = 2.0  # of these, beyond which no equilibrium is looked for
 LINE_RADIUS = 8e-4  # of a strand in pictures [m]
+
+
+_Joints = namedtuple("_Joints", [joint[0] for joint in JOINTS])
 
 
 class Coordinates(NamedTuple):
@@ -261,10 +266,9 @@ class KneeRig:
     @property
     def coordinates(self) -> Coordinates:
         """Where the tibia is in the femur, now."""
-        names = (joint[0] for joint in JOINTS)
-        at = SimpleNamespace(**dict(zip(names, self._joints().tolist(), strict=True)))
+        at = _Joints(*self._joints().tolist())
         # The shifts are along axes that are not perpendicular: the tibia's y leans by the adduction.
-        lean = np.sin(at.adduction)
+        lean = math.sin(at.adduction)
         return Coordinates(
             flexion=self._flexion,
             adduction=at.adduction,
