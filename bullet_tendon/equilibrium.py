@@ -44,6 +44,7 @@ from .errors import InvalidType, InvalidValue
 from .generalized_bodies import (
     is_fixed,
     joint_infos,
+    joint_states,
     link_pose,
     movable_joints,
     product,
@@ -377,7 +378,7 @@ class Equilibrium:
         state = entry.body, self._client
         bases = [(p.getBasePositionAndOrientation(*state), p.getBaseVelocity(*state))]
         movable = movable_joints(*state, entry.infos)
-        joints = p.getJointStatesMultiDof(entry.body, movable, self._client)
+        joints = joint_states(entry.body, movable, self._client)
         links = [link + 1 for link in entry.links]
         return _core.dynamics(entry.tree, entry.dynamics, bases, joints, links)[0][:, :, entry.columns]
 

@@ -125,10 +125,10 @@ def _box_around(shape: LinkShape, position, rotation) -> np.ndarray:
         along = 0.5 * length + (radius if shape.kind != "cylinder" else 0.0)
         high = 0.5 * np.array(shape.sizes) if shape.kind == "box" else np.array([radius, radius, along])
         low = -high
-    return _turned_box(low, high, position, rotation)
+    return turned_box(low, high, position, rotation)
 
 
-def _turned_box(low, high, position, rotation) -> np.ndarray:
+def turned_box(low, high, position, rotation) -> np.ndarray:
     """(2, 3) the box around a box in another frame, as Bullet computes it."""
     middle = position + rotation @ (0.5 * (low + high))
     half = np.abs(rotation) @ (0.5 * (high - low))
@@ -143,7 +143,7 @@ def _require_fit(link: _Link, boxes):
     low, high = boxes[:, 0].min(0), boxes[:, 1].max(0)
     if not np.isfinite([low, high]).all():
         return
-    have = _turned_box(low, high, *_inertial_frame(link))
+    have = turned_box(low, high, *_inertial_frame(link))
     want = np.array(pybullet.getAABB(link.body, link.index, physicsClientId=link.client))
     sizes = np.ptp(have, axis=0), np.ptp(want, axis=0)
     margin = _MARGINS[link.has_convex_shapes()]

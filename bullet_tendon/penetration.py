@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .errors import InvalidValue
+from .link_shapes import turned_box
 from .shapes import Shape
 from .tunnels import Bores
 
@@ -50,8 +51,7 @@ class Obstacle(NamedTuple):
         low, high = self.shape.bounds
         if np.isinf([low, high]).any():
             return np.array([[-np.inf] * 3, [np.inf] * 3])
-        middle, half = self.origin + self.axes @ (low + high) / 2, np.abs(self.axes) @ (high - low) / 2
-        return np.array([middle - half, middle + half])
+        return turned_box(low, high, self.origin, self.axes)
 
     def penetrated(self, a, b) -> Penetrations:
         """By segments a -> b (k, 3), world frame; see Penetrations."""
