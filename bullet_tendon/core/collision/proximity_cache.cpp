@@ -119,8 +119,7 @@ Bored bored_at(const Tendon& tendon, int i, const std::vector<Bore>& bores) {
 // The same of a segment, by those of its ends.
 Bored bored_between(const Tendon& tendon, int segment, Bored one, Bored other,
                     const std::vector<Bore>& bores) {
-  const Vec3 a = tendon.x.at(segment), b = tendon.x.at(segment + 1);
-  const auto threads = [&](const Bore& bore) { return bore.is_threaded(a, b); };
+  const auto threads = [&](const Bore& bore) { return tendon.threads(segment, bore.tunnel); };
   return std::any_of(bores.begin(), bores.end(), threads) ? Bored::within : std::max(one, other);
 }
 

@@ -62,12 +62,16 @@ bool Bore::is_within_rims(Vec3 p) const {
   return z >= chamfer_at(0) + wide * norm(slope[0]) && z <= chamfer_at(1) - wide * norm(slope[1]);
 }
 
+bool Bore::is_between(Vec3 a, Vec3 b) const {
+  return beyond(0, a) * beyond(0, b) < 0 && beyond(1, a) * beyond(1, b) < 0;
+}
+
 bool Bore::is_threaded(Vec3 a, Vec3 b) const {
-  for (int mouth : {0, 1}) {
-    const double one = beyond(mouth, a), other = beyond(mouth, b);
-    if (!(one * other < 0) || off_axis(a + one / (one - other) * (b - a)) > radius + chamfer) return false;
-  }
-  return true;
+  const auto in_bore = [&](int mouth) {
+    const double from = beyond(mouth, a), to = beyond(mouth, b);
+    return off_axis(a + from / (from - to) * (b - a)) <= radius + chamfer;
+  };
+  return is_between(a, b) && in_bore(0) && in_bore(1);
 }
 
 double Bore::leaves(Vec3 a, Vec3 b) const {

@@ -92,7 +92,8 @@ struct Bore {
   bool has_wall(Vec3 p, double z) const;
   // Whether p is between both rims, nearer to neither mouth than any point of its rim.
   bool is_within_rims(Vec3 p) const;
-  // Whether segment a-b runs through the bore, in at one mouth and out at the other.
+  // Whether the mouths' planes are between the ends of segment a-b, and whether it passes both in the bore.
+  bool is_between(Vec3 a, Vec3 b) const;
   bool is_threaded(Vec3 a, Vec3 b) const;
   // Share of segment a-b, whose start is inside, up to where it leaves the bore [-].
   double leaves(Vec3 a, Vec3 b) const;

@@ -130,6 +130,26 @@ void Tendon::rupture() {
   smooth = false;
 }
 
+bool Tendon::threads(int segment, int tunnel) const {
+  return std::any_of(threaded.begin(), threaded.end(),
+                     [&](const Threaded& of) { return of.segment == segment && of.tunnel == tunnel; });
+}
+
+bool Tendon::is_in_bore(int segment, int tunnel) const {
+  return tunnel_of[segment] == tunnel || tunnel_of[segment + 1] == tunnel || threads(segment, tunnel);
+}
+
+bool Tendon::is_in_bore(int tunnel) const {
+  return std::find(tunnel_of.begin(), tunnel_of.end(), tunnel) != tunnel_of.end() ||
+         std::any_of(threaded.begin(), threaded.end(),
+                     [&](const Threaded& of) { return of.tunnel == tunnel; });
+}
+
+void Tendon::leave_bores() {
+  std::fill(tunnel_of.begin(), tunnel_of.end(), -1);
+  threaded.clear();
+}
+
 void Tendon::stop() {
   v.zero();
   v_before.zero();

@@ -29,12 +29,18 @@ struct TendonModel {
   std::vector<double> mass;        // masses of the particles, point masses included [kg]
 };
 
+// A segment that runs through a bore, in at one mouth and out at the other.
+struct Threaded {
+  int segment = 0, tunnel = 0;
+};
+
 // The part of a tendon that a step changes, except the springs.
 struct TendonState {
   Field x, v;  // positions [m] and velocities [m/s] of the particles
   std::vector<Anchor> anchors;
   std::vector<uint64_t> overlaid;  // overlapping segment pairs (find_overlaid), lower index in the upper half
   std::vector<int> tunnel_of;      // tunnel slot that each particle is in, or -1
+  std::vector<Threaded> threaded;  // segments with both ends outside of a bore that they run through
   // History of the integrator.
   Field x_before, v_before;  // one step back [m], [m/s] (bdf2, starting guess)
   double dt_before = 0;      // length of that step [s]; 0: no history
@@ -126,6 +132,12 @@ class Tendon : public TendonModel, public TendonState, public TendonWorkspace {
   void advance(double alpha, double second = 0);
   // Sets all velocities to zero and clears the history. Keeps positions and multipliers.
   void stop();
+  // Whether a segment runs through a bore with both ends outside of it.
+  bool threads(int segment, int tunnel) const;
+  // Whether a segment is in a bore, or one of its ends is; and whether any is.
+  bool is_in_bore(int segment, int tunnel) const;
+  bool is_in_bore(int tunnel) const;
+  void leave_bores();
   bool is_torn(int segment) const { return std::find(torn.begin(), torn.end(), segment) != torn.end(); }
   // Time in the tissue of a substep of h [s], 0 where no time passes (tendon/tissue.h).
   void begin_tissue(double h);

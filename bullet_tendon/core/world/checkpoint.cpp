@@ -142,7 +142,9 @@ void require_tendon(const TendonCheckpoint& t, const Tendon& c, size_t links, co
   require_springs(t.structure, c.structure.count, c.material.tissue);
   require_springs(t.shear, c.shear.count, c.material.tissue);
   for (int segment : s.torn) require(within(segment, n - 1), kIndices);
-  for (int in : s.tunnel_of) require(in == -1 || (within(in, tunnels.size()) && tunnels[in]), kIndices);
+  const auto is_tunnel = [&](int slot) { return within(slot, tunnels.size()) && tunnels[slot]; };
+  for (int in : s.tunnel_of) require(in == -1 || is_tunnel(in), kIndices);
+  for (const Threaded& of : s.threaded) require(within(of.segment, n - 1) && is_tunnel(of.tunnel), kIndices);
   for (const Anchor& h : s.anchors) {
     require(within(h.particle, n), kIndices);
     require(h.link == -1 || within(h.link, links), kIndices);

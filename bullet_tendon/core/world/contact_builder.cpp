@@ -744,20 +744,35 @@ bool came_through_mouth(const Tendon& c, const Bore& bore, int first, int last) 
 }  // namespace
 
 // Algorithm 2, step 1. A particle enters a bore when it is within the bore's radius and came through a mouth.
-// It belongs to the bore until it is beyond a mouth, even if a step moves it farther from the axis.
+// It belongs to the bore until it is beyond a mouth, even if a step moves it farther from the axis. So does a
+// segment that the bore is shorter than, until its ends are not beyond both mouths.
 void World::classify(int tendon) {
   Tendon& c = *step_.slots[tendon];
   const Box box = box_of(c.x);
   detection_.near_tunnels.clear();
-  for (size_t t = 0; t < scene.tunnels.size(); ++t)
-    if (may_enter(tendon, static_cast<int>(t)) && overlap(box, detection_.bores[t].box, c.radius))
-      detection_.near_tunnels.push_back(static_cast<int>(t));
+  for (int t = 0; t < static_cast<int>(scene.tunnels.size()); ++t)
+    if (may_enter(tendon, t) && (overlap(box, detection_.bores[t].box, c.radius) || c.is_in_bore(t)))
+      detection_.near_tunnels.push_back(t);
+  thread(c);
   for (int i = 0; i < c.n(); ++i) {
     int& in = c.tunnel_of[i];
     if (in < 0 || (may_enter(tendon, in) && detection_.bores[in].beyond(c.x.at(i)) <= 0)) continue;
     in = -1;
   }
   for (const int t : detection_.near_tunnels) enter(c, t);
+}
+
+// Finds the segments that run through bores, before particles leave these.
+void World::thread(Tendon& c) {
+  std::vector<Threaded> now;
+  for (const int t : detection_.near_tunnels) {
+    const Bore& bore = detection_.bores[t];
+    for (int k = 0; k + 1 < c.n(); ++k) {
+      const Vec3 a = c.x.at(k), b = c.x.at(k + 1);
+      if (bore.is_between(a, b) && (c.is_in_bore(k, t) || bore.is_threaded(a, b))) now.push_back({k, t});
+    }
+  }
+  c.threaded.swap(now);
 }
 
 void World::enter(Tendon& c, int tunnel) {
@@ -785,16 +800,15 @@ void World::find_near_tunnels(int tendon) {
   double longest = 0;
   for (double l : c.rest) longest = std::max(longest, l);
   const double own = c.radius + options.contact_threshold + c.most_slack + most_motion(c) + longest;
-  for (size_t t = 0; t < scene.tunnels.size(); ++t) {
-    if (!may_enter(tendon, static_cast<int>(t))) continue;
+  for (int t = 0; t < static_cast<int>(scene.tunnels.size()); ++t) {
+    if (!may_enter(tendon, t)) continue;
     const Link& link = scene.links[scene.tunnels[t]->link];
     // Motion of the bore, which is linear in position: its bound over the tendon's box.
     const double carried = norm(link.drift(box.middle(), step_.context.dt)) +
                            step_.context.dt * norm(link.drift_rates.angular) * box.half_diagonal();
     ++step_.report.near.tunnels;
-    if (overlap(box, detection_.bores[t].box, own + carried + scene.tunnels[t]->chamfer) ||
-        std::find(c.tunnel_of.begin(), c.tunnel_of.end(), t) != c.tunnel_of.end())
-      detection_.near_tunnels.push_back(static_cast<int>(t));
+    if (overlap(box, detection_.bores[t].box, own + carried + scene.tunnels[t]->chamfer) || c.is_in_bore(t))
+      detection_.near_tunnels.push_back(t);
     else
       ++step_.report.near.tunnels_culled;
   }
@@ -855,12 +869,13 @@ void World::mouth_contacts(int tendon, int t) {
       other = rim.height(c.x.at(k + 1));
       if (is_beyond(over, other, farthest)) continue;
       const Vec3 a = c.x.at(k), b = c.x.at(k + 1), d = b - a;
-      SegmentAtMouth at{tendon, t, mouth, k, mouth_reach(tendon, t, k, k + 1), {a, d, {}}};
+      const bool threads = over * other < 0 && c.is_in_bore(k, t);
+      SegmentAtMouth at{tendon, t, mouth, k, threads, mouth_reach(tendon, t, k, k + 1), {a, d, {}}};
       const double reach = at.reach + most_bulge(c, k, k + 1);
       if (is_beyond(over, other, reach)) continue;
       const double length2 = dot(d, d);
       const double u = length2 > 0 ? std::min(1.0, std::max(0.0, dot(rim.centre - a, d) / length2)) : 0;
-      if (norm(a + u * d - rim.centre) > rim.longest + reach) continue;
+      if (!threads && norm(a + u * d - rim.centre) > rim.longest + reach) continue;
       // Both ends are within the wall: the bore contacts are sufficient.
       auto inside = [&](Vec3 p, int i) { return c.tunnel_of[i] == t && bore.is_within_rims(p); };
       if (inside(a, k) && inside(b, k + 1)) continue;
@@ -913,7 +928,9 @@ void World::mouth_contact(const SegmentAtMouth& at, const Rim& rim, double u) {
   const Vec3 sideways = direction_across(x - rim.centre, rim.axis);
   const Vec3 apart = x - nearest_on_rim(rim, x).point;
   const double distance = norm(apart);
-  if (distance > at.reach) return;
+  const Vec3 a = c.x.at(k), b = c.x.at(k + 1);
+  const bool beyond = at.threads && passes_beyond(rim, a, b);
+  if (distance > at.reach && !beyond) return;
   const double motion = std::max(motion_of(c, k, link), motion_of(c, k + 1, link));
   limit_motion(c, safe_fraction(distance, c.radius + tunnel.chamfer, motion));
   Contact contact;
@@ -925,10 +942,8 @@ void World::mouth_contact(const SegmentAtMouth& at, const Rim& rim, double u) {
   contact.geometry.offset = distance_kept_from_edge(c, at.tunnel);
   std::copy_n(at.now.bend, 2, contact.geometry.bend);
   contact.geometry.bulge = at.now.bulge(u);
-  const Vec3 a = c.x.at(k), b = c.x.at(k + 1);
-  contact.geometry.threads_mouth =
-      (c.tunnel_of[k] == at.tunnel || c.tunnel_of[k + 1] == at.tunnel) && rim.height(a) * rim.height(b) < 0;
-  contact.geometry.beyond_edge = contact.geometry.threads_mouth && passes_beyond(rim, a, b);
+  contact.geometry.threads_mouth = at.threads;
+  contact.geometry.beyond_edge = beyond;
   contact.geometry.normal = unit_or(apart, -sideways);
   contact.friction.coefficient = link.friction_of(tunnel.friction) * c.friction;
   carry(contact, c, link);

@@ -37,8 +37,9 @@ struct StateFields {
             most_force, exact, slips, target, force, line)
   // Masses and spring constants are computed from these fields.
   BT_FIELDS(TendonModel, force, point_mass, rest)
-  BT_FIELDS(TendonState, x, v, anchors, overlaid, tunnel_of, x_before, v_before, dt_before, smooth, with_body,
-            mean_velocities, steady_share, quiet, sleeping_island, torn, touching, touched)
+  BT_FIELDS(Threaded, segment, tunnel)
+  BT_FIELDS(TendonState, x, v, anchors, overlaid, tunnel_of, threaded, x_before, v_before, dt_before, smooth,
+            with_body, mean_velocities, steady_share, quiet, sleeping_island, torn, touching, touched)
   BT_FIELDS(CollisionFilter, inert_, tendons_, links_)
   BT_FIELDS(SpringState, lambda, elastic, slope, unrelaxed, memory)
   BT_FIELDS(TendonCheckpoint, alive, state, structure, shear)

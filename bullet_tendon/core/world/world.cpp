@@ -74,8 +74,10 @@ void World::remove_tunnel(int slot) {
   scene.tunnels.remove(slot);
   contacts_.all.clear();
   forget_planes();
-  for (auto [tendon, c] : filled(scene.tendons))
+  for (auto [tendon, c] : filled(scene.tendons)) {
     std::replace(c.tunnel_of.begin(), c.tunnel_of.end(), slot, -1);
+    remove_where(c.threaded, [&](const Threaded& of) { return of.tunnel == slot; });
+  }
   forget_memory([&](const ContactKey& k) {
     return (k.kind == ContactKind::bore && k.other == slot) ||
            (k.kind == ContactKind::mouth && k.other / 2 == slot);
@@ -133,7 +135,7 @@ void World::forget_contacts(int tendon) {
   forget_memory_of(tendon);
   if (tendon < static_cast<int>(detection_.caches.size()))
     for (NearCache& cache : detection_.caches[tendon]) cache.entries.clear();
-  std::fill(scene.tendons[tendon]->tunnel_of.begin(), scene.tendons[tendon]->tunnel_of.end(), -1);
+  scene.tendons[tendon]->leave_bores();
 }
 
 // Makes a cache for every pair of tendon and shape.

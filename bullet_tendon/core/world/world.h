@@ -116,8 +116,9 @@ struct Detection {
 // A segment near a mouth of a tunnel.
 struct SegmentAtMouth {
   int tendon = 0, tunnel = 0, mouth = 0, segment = 0;
-  double reach = 0;  // distance from the mouth's edge within which it can touch it in the substep [m]
-  BentSegment now;   // at the start of the substep
+  bool threads = false;  // it passes through the mouth
+  double reach = 0;      // distance from the mouth's edge within which it can touch it in the substep [m]
+  BentSegment now;       // at the start of the substep
 };
 
 // Contacts of this substep and their memory.
@@ -457,6 +458,7 @@ class World {
   // Whether a tunnel exists, is wider than the tendon, and makes contacts with it.
   bool may_enter(int tendon, int tunnel) const;
   void classify(int tendon);
+  void thread(Tendon& c);
   void enter(Tendon& c, int tunnel);
   // Writes to detection_.near_tunnels the tunnels that contain the tendon or that it can reach in the step.
   void find_near_tunnels(int tendon);
