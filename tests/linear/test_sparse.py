@@ -88,8 +88,9 @@ def test_eight_right_hand_sides_at_once_have_the_bits_of_one_after_the_other(see
     random = np.random.default_rng(seed)
     edges, diagonal, beside, _ = system(random, 40, chains(random, 4, 10, 1, touching))
     right = random.standard_normal((40, 3, 8))
-    together, alone = _core.testing.sparse_columns(edges, diagonal, beside, right)
-    assert np.array_equal(together, alone)
+    together = _core.testing.sparse_columns(edges, diagonal, beside, right).reshape(40, 3, 8)
+    alone = _core.testing.sparse_solutions([(edges, diagonal, beside, right[..., k]) for k in range(8)])
+    assert np.array_equal(together, np.stack([x for x, _ in alone], axis=-1))
     expected = np.linalg.solve(dense(edges, diagonal, beside), right.reshape(120, 8)).reshape(40, 3, 8)
     np.testing.assert_allclose(together, expected, rtol=0, atol=1e-10 * np.abs(expected).max())
 

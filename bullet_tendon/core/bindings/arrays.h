@@ -65,9 +65,6 @@ inline std::array<double, 14> row_of(const World& w, const Contact& c) {
           norm(c.friction.force)};
 }
 
-// Articulated bodies (bindings/bodies.cpp).
-void bind_articulated(py::module_& m);
-
 // One call at a time in a world: a reader in another thread waits until a step is over. The interpreter is
 // free while it waits.
 class WorldLock {
@@ -135,37 +132,20 @@ struct ElementTerms {
   std::vector<py::ssize_t> place_;  // by slot of a link, its place among the k, or -1
 };
 
-// Readers of links and of bodies with joints (bindings/bodies.cpp).
-void bind_links(py::module_& m, GuardedWorld& world);
-void bind_bodies(py::module_& m, GuardedWorld& world);
-// Distances that have closed forms (bindings/collision.cpp).
-void bind_shapes(py::module_& m);
-
-// Module _core.testing: what only tests call.
-// Single terms of a step's potential (bindings/testing.cpp).
-void bind_terms(py::module_& testing);
-// The search for tendons that touch (bindings/testing.cpp).
-void bind_pairs(py::module_& testing);
-// The sparse and the banded solver by themselves (bindings/testing.cpp).
-void bind_sparse(py::module_& testing);
-
 // A tendon that is about to be changed. Wakes it.
 inline Tendon& stirred(World& w, int tendon) {
   w.wake_tendon(tendon);
   return *w.scene.tendons[tendon];
 }
 
-void bind_report(py::module_& m);
-// Signed distances of meshes (bindings/element.cpp).
-void bind_distance_grid(py::module_& m);
-
-// World's methods, by room.
-void bind_material(py::module_& m);
-void bind_world_tendon(GuardedWorld& world);
-void bind_world_bodies(GuardedWorld& world);
-void bind_world_collision(GuardedWorld& world);
-void bind_world_elements(GuardedWorld& world);
-void bind_world_world(GuardedWorld& world);
+// The classes, functions and methods of World of each room.
+void bind_tendons(py::module_& m, GuardedWorld& world);
+void bind_bodies(py::module_& m, GuardedWorld& world);
+void bind_collision(py::module_& m, GuardedWorld& world);
+void bind_elements(py::module_& m, GuardedWorld& world);
+void bind_steps(py::module_& m, GuardedWorld& world);
+// Module _core.testing: what only tests call.
+void bind_testing(py::module_& testing);
 
 }  // namespace bt
 

@@ -251,37 +251,6 @@ void forget_body(World& w, int slot) {
   if (slot < static_cast<int>(w.scene.bodies.size())) w.scene.bodies[slot] = GeneralizedBody{};
 }
 
-}  // namespace
-
-void bind_links(py::module_& m, GuardedWorld& world) {
-  world.def("clear_link", &clear_link)
-      .def("forget_body", &forget_body)
-      .def("read_link", &read_link)
-      .def("sample_link", &sample_link)
-      .def("set_contacts", &set_contacts)
-      .def("set_touching", &set_touching)
-      .def("keep_touching",
-           [](World& w, const std::vector<int>& bodies) {
-             if (w.touching_known) return;
-             w.touching = bodies;
-             w.touching_known = true;
-           })
-      .def("kept_touching",
-           [](World& w) -> std::optional<std::vector<int>> {
-             if (!std::exchange(w.touching_known, false)) return {};
-             return w.touching;
-           })
-      .def("add_link_force", &add_link_force);
-  m.def("link_frame", [](const py::tuple& info, const py::tuple& where) {
-    Link l;
-    place(l, info.ptr(), where.ptr());
-    const Vec3 o = l.pose.origin;
-    return py::make_tuple(std::vector<double>{o.x, o.y, o.z}, l.pose.rotation);
-  });
-}
-
-namespace {
-
 // What pybullet returns about the bodies of a tree each: p.getDynamicsInfo of all links, in the order of the
 // trees' links, (p.getBasePositionAndOrientation, p.getBaseVelocity) of each base, and
 // p.getJointStatesMultiDof of the joints that move.
@@ -571,28 +540,6 @@ Numbers bounded_impulses(const Numbers& within, const Numbers& left, const Numbe
   return pushes;
 }
 
-}  // namespace
-
-void bind_bodies(py::module_& m, GuardedWorld& world) {
-  m.def("bounded_impulses", &bounded_impulses);
-  world.def("read_body", &read_body)
-      .def("set_link_constraints", &set_link_constraints)
-      .def("sample_body", &sample_body)
-      .def("keep_motors", &keep_motors)
-      .def("add_body_force", &add_body_force)
-      .def("add_joint_force", &add_joint_force);
-  m.def("dynamics", &dynamics);
-  m.def("place_body",
-        [](Articulated& tree, const py::list& infos, const py::list& bases, const py::tuple& joints) {
-          std::vector<double> rates, places;
-          const Reading reading{infos, bases, joints};
-          read_joints(tree, reading, rates, places);
-          place(tree, reading, places);
-        });
-}
-
-namespace {
-
 // Articulated bodies.
 
 // By joint: kind, parent, axis (3), pivot (3), turn (quaternion 4, of the parent's frame in the link's),
@@ -617,28 +564,6 @@ Array answer_of(const Array& mass, const Array& forces) {
          out.mutable_data());
   return out;
 }
-
-}  // namespace
-
-void bind_articulated(py::module_& m) {
-  m.attr("HINGE") = static_cast<int>(JointKind::hinge);
-  m.attr("SLIDER") = static_cast<int>(JointKind::slider);
-  m.attr("BALL") = static_cast<int>(JointKind::ball);
-  m.attr("FIXED") = static_cast<int>(JointKind::fixed);
-  m.attr("POINT_CONSTRAINT") = static_cast<int>(ConstraintKind::point);
-  m.attr("FIXED_CONSTRAINT") = static_cast<int>(ConstraintKind::fixed);
-  m.attr("GEAR_CONSTRAINT") = static_cast<int>(ConstraintKind::gear);
-  py::class_<Articulated>(m, "Articulated")
-      .def(py::init(&articulated))
-      .def("copy", [](const Articulated& body) { return Articulated(body); })
-      .def_property_readonly("links", &Articulated::links)
-      .def_property_readonly("trees", &Articulated::trees)
-      .def_property_readonly("dofs", &Articulated::dofs)
-      .def("moves", &Articulated::moves);
-  m.def("answer", &answer_of);
-}
-
-namespace {
 
 // (links, 6)
 std::vector<std::array<double, 6>> wrenches(const World& w, Wrench Link::* which) {
@@ -702,7 +627,61 @@ bool any_held(const World& w) {
 
 }  // namespace
 
-void bind_world_bodies(GuardedWorld& world) {
+void bind_bodies(py::module_& m, GuardedWorld& world) {
+  m.attr("HINGE") = static_cast<int>(JointKind::hinge);
+  m.attr("SLIDER") = static_cast<int>(JointKind::slider);
+  m.attr("BALL") = static_cast<int>(JointKind::ball);
+  m.attr("FIXED") = static_cast<int>(JointKind::fixed);
+  m.attr("POINT_CONSTRAINT") = static_cast<int>(ConstraintKind::point);
+  m.attr("FIXED_CONSTRAINT") = static_cast<int>(ConstraintKind::fixed);
+  m.attr("GEAR_CONSTRAINT") = static_cast<int>(ConstraintKind::gear);
+  py::class_<Articulated>(m, "Articulated")
+      .def(py::init(&articulated))
+      .def("copy", [](const Articulated& body) { return Articulated(body); })
+      .def_property_readonly("links", &Articulated::links)
+      .def_property_readonly("trees", &Articulated::trees)
+      .def_property_readonly("dofs", &Articulated::dofs)
+      .def("moves", &Articulated::moves);
+  m.def("answer", &answer_of);
+  world.def("clear_link", &clear_link)
+      .def("forget_body", &forget_body)
+      .def("read_link", &read_link)
+      .def("sample_link", &sample_link)
+      .def("set_contacts", &set_contacts)
+      .def("set_touching", &set_touching)
+      .def("keep_touching",
+           [](World& w, const std::vector<int>& bodies) {
+             if (w.touching_known) return;
+             w.touching = bodies;
+             w.touching_known = true;
+           })
+      .def("kept_touching",
+           [](World& w) -> std::optional<std::vector<int>> {
+             if (!std::exchange(w.touching_known, false)) return {};
+             return w.touching;
+           })
+      .def("add_link_force", &add_link_force);
+  m.def("link_frame", [](const py::tuple& info, const py::tuple& where) {
+    Link l;
+    place(l, info.ptr(), where.ptr());
+    const Vec3 o = l.pose.origin;
+    return py::make_tuple(std::vector<double>{o.x, o.y, o.z}, l.pose.rotation);
+  });
+  m.def("bounded_impulses", &bounded_impulses);
+  world.def("read_body", &read_body)
+      .def("set_link_constraints", &set_link_constraints)
+      .def("sample_body", &sample_body)
+      .def("keep_motors", &keep_motors)
+      .def("add_body_force", &add_body_force)
+      .def("add_joint_force", &add_joint_force);
+  m.def("dynamics", &dynamics);
+  m.def("place_body",
+        [](Articulated& tree, const py::list& infos, const py::list& bases, const py::tuple& joints) {
+          std::vector<double> rates, places;
+          const Reading reading{infos, bases, joints};
+          read_joints(tree, reading, rates, places);
+          place(tree, reading, places);
+        });
   world
       .def("sense",
            [](World& w, double dt, Vec3 gravity) {

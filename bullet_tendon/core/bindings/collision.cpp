@@ -53,21 +53,6 @@ py::array_t<bool> crossed(const Surface& s, const std::vector<Vec3>& a, const st
   return found;
 }
 
-}  // namespace
-
-void bind_shapes(py::module_& m) {
-  py::class_<Surface, std::shared_ptr<Surface>>(m, "Surface")
-      .def(py::init<const std::vector<Triangle>&>())
-      .def("crossed", &crossed);
-  py::class_<Primitive>(m, "Primitive")
-      .def(py::init(&primitive_of))
-      .def_property_readonly("corner", &corner_of)
-      .def("__call__", &measured_along)
-      .def("curvature", &Primitive::curvature);
-}
-
-namespace {
-
 int add_shape(World& w, int link, Vec3 position, const Rot3& rotation, Vec3 lo, Vec3 hi, bool half_space,
               Vec3 normal, double offset, double friction, const std::shared_ptr<Surface>& surface,
               const std::shared_ptr<SignedDistance>& solid, const std::optional<Primitive>& primitive) {
@@ -118,7 +103,15 @@ double pressed_depth(const World& w) {
 
 }  // namespace
 
-void bind_world_collision(GuardedWorld& world) {
+void bind_collision(py::module_& m, GuardedWorld& world) {
+  py::class_<Surface, std::shared_ptr<Surface>>(m, "Surface")
+      .def(py::init<const std::vector<Triangle>&>())
+      .def("crossed", &crossed);
+  py::class_<Primitive>(m, "Primitive")
+      .def(py::init(&primitive_of))
+      .def_property_readonly("corner", &corner_of)
+      .def("__call__", &measured_along)
+      .def("curvature", &Primitive::curvature);
   world.def("add_shape", &add_shape)
       .def("remove_shape", &World::remove_shape)
       .def("add_tunnel", [](World& w, int link, Vec3 start, Vec3 end, double radius, double chamfer,

@@ -170,7 +170,7 @@ Array jacobian_curvature(const Array& jacobians, const Array& wrenches, const st
 
 }  // namespace
 
-void bind_distance_grid(py::module_& m) {
+void bind_elements(py::module_& m, GuardedWorld& world) {
   m.def("trace_path", &trace_path);
   m.def("jacobian_curvature", &jacobian_curvature);
   py::class_<SignedDistance, std::shared_ptr<SignedDistance>>(m, "SignedDistance")
@@ -192,9 +192,6 @@ void bind_distance_grid(py::module_& m) {
       .def_static("of_numbers",
                   [](const std::vector<double>& numbers) { return std::make_shared<DistanceGrid>(numbers); })
       .def("numbers", &DistanceGrid::numbers);
-}
-
-void bind_world_elements(GuardedWorld& world) {
   world.def("has_elements", [](const World& w) { return w.scene.has_elements(); })
       .def("add_ligament", &add_ligament)
       .def("remove_ligament", [](World& w, int slot) { w.remove_element(w.scene.ligaments, slot); })

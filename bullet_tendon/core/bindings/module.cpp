@@ -5,7 +5,6 @@
 #include <atomic>
 #include <cstdlib>
 #include <new>
-#include <utility>
 
 #include "bindings/arrays.h"
 
@@ -45,27 +44,12 @@ PYBIND11_MODULE(_core, m) {
   m.attr("CUT_OFF_RATE") = kCutOff * kMostRate;
   m.attr("MOST_RATE") = kMostRate;
   GuardedWorld world(m);
-  bind_report(m);
-  bind_material(m);
-  bind_articulated(m);
-  bind_links(m, world);
-  bind_bodies(m, world);
-  bind_shapes(m);
-  bind_distance_grid(m);
-  py::module_ testing = m.def_submodule("testing", "What only tests call.");
-  bind_terms(testing);
-  bind_sparse(testing);
-  bind_pairs(testing);
-  testing.def("watch_substeps", [](World& w, py::object callback) {
-    w.after_substep = [callback = std::move(callback)] {
-      py::gil_scoped_acquire lock;
-      callback();
-    };
-  });
   world.def(py::init<>());
-  bind_world_tendon(world);
-  bind_world_bodies(world);
-  bind_world_collision(world);
-  bind_world_elements(world);
-  bind_world_world(world);
+  bind_tendons(m, world);
+  bind_bodies(m, world);
+  bind_collision(m, world);
+  bind_elements(m, world);
+  bind_steps(m, world);
+  py::module_ testing = m.def_submodule("testing", "What only tests call.");
+  bind_testing(testing);
 }

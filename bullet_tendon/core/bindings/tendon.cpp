@@ -97,9 +97,8 @@ void set_grip(World& w, int tendon, int id, Vec3 goal, double stiffness, double 
 
 }  // namespace
 
-void bind_material(py::module_& m) { py::class_<Material>(m, "Material").def(py::init(&material_of)); }
-
-void bind_world_tendon(GuardedWorld& world) {
+void bind_tendons(py::module_& m, GuardedWorld& world) {
+  py::class_<Material>(m, "Material").def(py::init(&material_of));
   world.def("add_tendon", &add_tendon)
       .def("remove_tendon", &World::remove_tendon)
       .def("positions", [](World& w, int c) { return w.scene.tendons[c]->x; })

@@ -3,9 +3,11 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <functional>
 #include <random>
 #include <tuple>
+#include <utility>
 #include <vector>
 
 #include "bindings/arrays.h"
@@ -333,50 +335,6 @@ class ModelCheck {
   std::mt19937 random_{1};
 };
 
-}  // namespace
-
-void bind_terms(py::module_& testing) {
-  // Calls `found` with the error of the linear model of each island after its solution.
-  testing.def("watch_models", [](World& w, double move, py::object found) {
-    w.after_solution = [=](Island& island, const StepContext& context) {
-      const double error = ModelCheck(island).error(context, move);
-      py::gil_scoped_acquire lock;
-      found(error);
-    };
-  });
-  testing.def("grip_term", &grip_term);
-  testing.def("contact_term", &contact_term);
-  testing.def("edge_term", &edge_term);
-  testing.def("distance_from_half", &distance_from_half);
-  testing.def("slid_to_rim", &slid_to_rim);
-  testing.def("pair_term", &pair_term);
-  testing.def("touching_parameters", &touching_parameters);
-  testing.def("listed_nearest", &listed_nearest);
-  testing.def("searched_nearest", &searched_nearest);
-  testing.def("spring_term", &spring_term);
-  testing.def("ligament_term", [](World& w, int slot, const Array& moves, double h) {
-    return element_term(w, *w.scene.ligaments.at(slot), moves, h);
-  });
-  testing.def("evaluate_cartilage", [](World& w, int slot, int times) {
-    Cartilage& cartilage = *w.scene.cartilages.at(slot);
-    std::vector<LinkEnd> ends;
-    for (const Link& link : w.scene.links) ends.push_back({link.centre, {}});
-    cartilage.begin(w.scene.links, 1);
-    const int moved = cartilage.link_b();
-    for (int k = 0; k < times; ++k) {
-      ends[moved].centre.x += 1e-15;  // else the last pressures would be taken
-      cartilage.evaluate(ends);
-    }
-  });
-  testing.def("cartilage_term", [](World& w, int slot, const Array& moves, double h) {
-    return element_term(w, *w.scene.cartilages.at(slot), moves, h);
-  });
-  testing.def("finite_rotation_term", &finite_rotation_term);
-  testing.def("bending_term", &bending_term);
-}
-
-namespace {
-
 // The search for tendons that touch, by itself, for tests.
 
 struct Probe {
@@ -414,19 +372,6 @@ struct Probe {
   }
 };
 
-}  // namespace
-
-void bind_pairs(py::module_& testing) {
-  py::class_<Probe>(testing, "BroadPhase")
-      .def(py::init<>())
-      .def("add", &Probe::add)
-      .def("find", &Probe::find)
-      .def("set_rest", [](Probe& p, int c, const std::vector<double>& rest) { p.tendons[c].set_rest(rest); })
-      .def("forget", [](Probe& p) { p.search.clear(); });
-}
-
-namespace {
-
 // The sparse and the banded solver by themselves, for tests.
 
 using Edges = std::vector<std::array<int, 2>>;
@@ -458,79 +403,75 @@ py::list sparse_solutions(const py::list& systems, bool through) {
   return out;
 }
 
-// Eight right-hand sides (n, 3, 8) of a system as in sparse_solutions: solutions (n, 3, 8) of all at once,
-// and those of one after the other.
-py::tuple sparse_columns(const Edges& edges, const Blocks& diagonal, const Blocks& beside,
-                         const Array& right) {
+// Eight right-hand sides, or their solutions: (n, 3, 8) in Python, which gets (n, 24).
+using EightSides = std::vector<std::array<double, 3 * kLanes>>;
+
+Columns columns_of(const EightSides& right) {
+  Columns b;
+  b.resize(static_cast<int>(right.size()));
+  std::memcpy(b.number(0), right.data(), right.size() * sizeof(right[0]));
+  return b;
+}
+
+// Of the blocks first to last.
+EightSides solutions_of(Columns& x, int first, int last) {
+  EightSides out(last + 1 - first);
+  std::memcpy(static_cast<void*>(out.data()), x.number(first), out.size() * sizeof(out[0]));
+  return out;
+}
+
+// Solutions of a system as in sparse_solutions for eight right-hand sides at once.
+EightSides sparse_columns(const Edges& edges, const Blocks& diagonal, const Blocks& beside,
+                          const EightSides& right) {
   SparseFactor factor;
-  const int n = static_cast<int>(diagonal.size());
   fill_factor(factor, edges, diagonal, beside);
   if (!factor.factorise()) throw py::value_error("not definite");
-  Columns b;
-  b.resize(n);
-  std::copy(right.data(), right.data() + right.size(), b.number(0));
+  Columns b = columns_of(right);
   factor.solve(b);
-  Array together({py::ssize_t{n}, py::ssize_t{3}, py::ssize_t{kLanes}});
-  std::copy(b.number(0), b.number(n), together.mutable_data());
-  Array alone({py::ssize_t{n}, py::ssize_t{3}, py::ssize_t{kLanes}});
-  for (int lane = 0; lane < kLanes; ++lane) {
-    std::vector<Vec3> one(n);
-    for (int i = 0; i < n; ++i) one[i] = {right.at(i, 0, lane), right.at(i, 1, lane), right.at(i, 2, lane)};
-    factor.solve(one);
-    for (int i = 0; i < n; ++i) {
-      alone.mutable_at(i, 0, lane) = one[i].x;
-      alone.mutable_at(i, 1, lane) = one[i].y;
-      alone.mutable_at(i, 2, lane) = one[i].z;
-    }
-  }
-  return py::make_tuple(together, alone);
+  return solutions_of(b, 0, factor.blocks() - 1);
 }
 
 // A band of blocks: its diagonal (n, 3, 3), and below it (reach, n, 3, 3), of which the last ones are not
 // there.
-Band band_of(const Array& diagonal, const Array& below) {
+Band band_of(const Blocks& diagonal, const std::vector<Blocks>& below) {
   Band a;
-  a.resize(static_cast<int>(diagonal.shape(0)), static_cast<int>(below.shape(0)));
+  a.resize(static_cast<int>(diagonal.size()), static_cast<int>(below.size()));
   for (int i = 0; i < a.n; ++i) {
-    const double* d = diagonal.data() + 9 * i;
+    const double* d = diagonal[i].v;
     a.add(i, {d[0], d[1], d[2], d[4], d[5], d[8]});
     for (int o = 0; o < a.half; ++o)
-      for (int e = 0; e < 9; ++e) a.below[o][e][i] = below.data()[9 * (o * a.n + i) + e];
+      for (int e = 0; e < 9; ++e) a.below[o][e][i] = below[o][i].v[e];
   }
   return a;
 }
 
-// Eight right-hand sides (n, 3, 8), zero but for the blocks first to last: solutions there (last - first + 1,
-// 3, 8); and that of the first of them, solved for by itself (n, 3).
-py::tuple band_solutions(const Array& diagonal, const Array& below, const Array& right, int first, int last) {
+// Solutions of the blocks first to last for eight right-hand sides, which are zero elsewhere; and that of the
+// first of them, solved for by itself (n, 3).
+py::tuple band_solutions(const Blocks& diagonal, const std::vector<Blocks>& below, const EightSides& right,
+                         int first, int last) {
   const Band a = band_of(diagonal, below);
   BandFactor factor;
   factor.resize(a.n, a.half);
   if (!factor.factorise(a)) throw py::value_error("not definite");
-  Columns b, x;
-  b.resize(a.n);
+  const Columns b = columns_of(right);
+  Columns x;
   x.resize(a.n);
-  std::copy(right.data(), right.data() + right.size(), b.number(0));
   factor.solve(b, first, last, x);
   Field one(a.n);
   for (int i = 0; i < a.n; ++i) one.set(i, {b.at(i)[0][0], b.at(i)[1][0], b.at(i)[2][0]});
   factor.solve(one, one);
-  Array solved({py::ssize_t{last} - first + 1, py::ssize_t{3}, py::ssize_t{kLanes}});
-  std::copy(x.number(first), x.number(last + 1), solved.mutable_data());
-  return py::make_tuple(solved, one);
+  return py::make_tuple(solutions_of(x, first, last), one);
 }
 
 // The direction of negative curvature by right (n, 3): (n, 3), of the band and of a system as in
 // sparse_solutions.
-Field band_negative(const Array& diagonal, const Array& below, const Array& right) {
+Field band_negative(const Blocks& diagonal, const std::vector<Blocks>& below, Field right) {
   const Band a = band_of(diagonal, below);
   BandFactor factor;
   factor.resize(a.n, a.half);
   factor.factorise(a);
-  Field x(a.n);
-  for (int i = 0; i < a.n; ++i) x.set(i, {right.at(i, 0), right.at(i, 1), right.at(i, 2)});
-  factor.solve_negative(x, x);
-  return x;
+  factor.solve_negative(right, right);
+  return right;
 }
 
 std::vector<Vec3> sparse_negative(const Edges& edges, const Blocks& diagonal, const Blocks& beside,
@@ -544,7 +485,56 @@ std::vector<Vec3> sparse_negative(const Edges& edges, const Blocks& diagonal, co
 
 }  // namespace
 
-void bind_sparse(py::module_& testing) {
+void bind_testing(py::module_& testing) {
+  testing.def("watch_substeps", [](World& w, py::object callback) {
+    w.after_substep = [callback = std::move(callback)] {
+      py::gil_scoped_acquire lock;
+      callback();
+    };
+  });
+  // Calls `found` with the error of the linear model of each island after its solution.
+  testing.def("watch_models", [](World& w, double move, py::object found) {
+    w.after_solution = [=](Island& island, const StepContext& context) {
+      const double error = ModelCheck(island).error(context, move);
+      py::gil_scoped_acquire lock;
+      found(error);
+    };
+  });
+  testing.def("grip_term", &grip_term);
+  testing.def("contact_term", &contact_term);
+  testing.def("edge_term", &edge_term);
+  testing.def("distance_from_half", &distance_from_half);
+  testing.def("slid_to_rim", &slid_to_rim);
+  testing.def("pair_term", &pair_term);
+  testing.def("touching_parameters", &touching_parameters);
+  testing.def("listed_nearest", &listed_nearest);
+  testing.def("searched_nearest", &searched_nearest);
+  testing.def("spring_term", &spring_term);
+  testing.def("ligament_term", [](World& w, int slot, const Array& moves, double h) {
+    return element_term(w, *w.scene.ligaments.at(slot), moves, h);
+  });
+  testing.def("evaluate_cartilage", [](World& w, int slot, int times) {
+    Cartilage& cartilage = *w.scene.cartilages.at(slot);
+    std::vector<LinkEnd> ends;
+    for (const Link& link : w.scene.links) ends.push_back({link.centre, {}});
+    cartilage.begin(w.scene.links, 1);
+    const int moved = cartilage.link_b();
+    for (int k = 0; k < times; ++k) {
+      ends[moved].centre.x += 1e-15;  // else the last pressures would be taken
+      cartilage.evaluate(ends);
+    }
+  });
+  testing.def("cartilage_term", [](World& w, int slot, const Array& moves, double h) {
+    return element_term(w, *w.scene.cartilages.at(slot), moves, h);
+  });
+  testing.def("finite_rotation_term", &finite_rotation_term);
+  testing.def("bending_term", &bending_term);
+  py::class_<Probe>(testing, "BroadPhase")
+      .def(py::init<>())
+      .def("add", &Probe::add)
+      .def("find", &Probe::find)
+      .def("set_rest", [](Probe& p, int c, const std::vector<double>& rest) { p.tendons[c].set_rest(rest); })
+      .def("forget", [](Probe& p) { p.search.clear(); });
   testing.def("sparse_solutions", &sparse_solutions, py::arg("systems"), py::arg("through") = false)
       .def("sparse_columns", &sparse_columns)
       .def("sparse_negative", &sparse_negative)

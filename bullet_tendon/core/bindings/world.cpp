@@ -284,7 +284,24 @@ py::ssize_t moment(const World& w, py::array_t<std::uint8_t>& memory, py::ssize_
 
 }  // namespace
 
-void bind_world_world(GuardedWorld& world) {
+void bind_steps(py::module_& m, GuardedWorld& world) {
+  py::class_<Checkpoint, std::shared_ptr<Checkpoint>>(m, "Checkpoint");
+  py::class_<Report>(m, "Report")
+      .def_readonly("iterations", &Report::iterations)
+      .def_readonly("residual", &Report::residual)
+      .def_readonly("converged", &Report::converged)
+      .def_readonly("worst_tendon", &Report::worst_tendon)
+      .def_readonly("worst_particle", &Report::worst_particle)
+      .def_readonly("sense_seconds", &Report::sense_seconds)
+      .def_readonly("near_seconds", &Report::near_seconds)
+      .def_readonly("solve_seconds", &Report::solve_seconds)
+      .def_readonly("search_seconds", &Report::search_seconds)
+      .def_readonly("over_budget", &Report::over_budget)
+      .def_readonly("coarse_tendon", &Report::coarse_tendon)
+      .def_readonly("flat_cartilage", &Report::flat_cartilage)
+      .def_property_readonly(
+          "reasons", [](const Report& r) { return std::vector<int>(r.reasons.begin(), r.reasons.end()); })
+      .def("counts", &counts);
   world.def("moment", &moment);
   world.def("set_options", &set_options)
       .def("step", &step)
@@ -318,26 +335,6 @@ void bind_world_world(GuardedWorld& world) {
       .def("capture", &World::capture)
       .def("return_to", &World::return_to)
       .def("report", [](const World& w) { return w.report(); });
-}
-
-void bind_report(py::module_& m) {
-  py::class_<Checkpoint, std::shared_ptr<Checkpoint>>(m, "Checkpoint");
-  py::class_<Report>(m, "Report")
-      .def_readonly("iterations", &Report::iterations)
-      .def_readonly("residual", &Report::residual)
-      .def_readonly("converged", &Report::converged)
-      .def_readonly("worst_tendon", &Report::worst_tendon)
-      .def_readonly("worst_particle", &Report::worst_particle)
-      .def_readonly("sense_seconds", &Report::sense_seconds)
-      .def_readonly("near_seconds", &Report::near_seconds)
-      .def_readonly("solve_seconds", &Report::solve_seconds)
-      .def_readonly("search_seconds", &Report::search_seconds)
-      .def_readonly("over_budget", &Report::over_budget)
-      .def_readonly("coarse_tendon", &Report::coarse_tendon)
-      .def_readonly("flat_cartilage", &Report::flat_cartilage)
-      .def_property_readonly(
-          "reasons", [](const Report& r) { return std::vector<int>(r.reasons.begin(), r.reasons.end()); })
-      .def("counts", &counts);
 }
 
 }  // namespace bt
