@@ -41,7 +41,8 @@ def test_eight_right_hand_sides_are_solved_for_where_they_are_not_zero(reach):
             right[first : last + 1] = random.standard_normal((last + 1 - first, 3, 8))
             solved, alone = _core.testing.band_solutions(diagonal, below, right, first, last)
             exact = np.linalg.solve(whole, right.reshape(3 * n, 8)).reshape(n, 3, 8)
-            assert np.abs(solved.reshape(-1, 3, 8) - exact[first : last + 1]).max() <= 1e-9 * np.abs(exact).max()
+            solved = solved.reshape(-1, 3, 8)
+            assert np.abs(solved - exact[first : last + 1]).max() <= 1e-9 * np.abs(exact).max()
             assert np.abs(alone - exact[:, :, 0]).max() <= 1e-9 * np.abs(exact).max()
 
 
