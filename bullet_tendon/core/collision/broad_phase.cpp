@@ -34,7 +34,7 @@ double foreseen(const TendonBvh& a, const TendonBvh& b, double most) {
 
 // Descends both hierarchies where segments may be within the limit.
 struct Collector {
-  TendonBvh &a, &b;
+  const TendonBvh &a, &b;
   const double reach;  // sum of both tendons' [m]
   const double most;   // limit of the relative motion within the step [m]
   const double limit;  // of the distances of candidates [m]

@@ -56,7 +56,7 @@ bool is_straight(const Tendon& c);
 
 // Tests pairs of segments of two tendons, or of one tendon (a is b).
 struct NarrowPhase {
-  TendonBvh &a, &b;
+  const TendonBvh &a, &b;
   const int slot_a, slot_b;
   const Foresight foresight;
   const double most;  // limit of the predicted relative motion [m]

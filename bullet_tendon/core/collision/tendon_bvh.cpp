@@ -28,13 +28,14 @@ void TendonBvh::begin(const Tendon& c) {
 void TendonBvh::follow(const Tendon& c, double threshold) {
   tendon_ = &c;
   fitted_ = false;
-  averaged_ = false;
   skin_ = c.radius + 0.5 * threshold;
   if (nodes_.empty()) begin(c);
   const MotionBound since = motion_between(last_, c.x);
   moved_.by += since.by;
   moved_.off += since.off + std::numeric_limits<double>::epsilon() * max_abs(moved_.by);  // rounded sums
   ahead_ = motion_between(c.x, c.predicted);
+  mean_motion_ = {};
+  for (int i = 0; i < c.n(); ++i) mean_motion_ += (1.0 / c.n()) * (c.predicted.at(i) - c.x.at(i));
   last_ = c.x;
   if (std::exchange(rest_set_, c.rest_set) == c.rest_set) return;
   joined_arc_ = self_contact_arc(c.radius);
@@ -56,14 +57,6 @@ void TendonBvh::refit() {
     nodes_[i].at.include(nodes_[2 * i + 1].at);
     nodes_[i].ahead.include(nodes_[2 * i + 1].ahead);
   }
-}
-
-Vec3 TendonBvh::mean_motion() {
-  if (std::exchange(averaged_, true)) return mean_motion_;
-  const Tendon& c = *tendon_;
-  mean_motion_ = {};
-  for (int i = 0; i < c.n(); ++i) mean_motion_ += (1.0 / c.n()) * (c.predicted.at(i) - c.x.at(i));
-  return mean_motion_;
 }
 
 }  // namespace bt

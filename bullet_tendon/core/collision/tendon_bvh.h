@@ -53,7 +53,7 @@ class TendonBvh {
   int rest_set() const { return rest_set_; }  // number of the set of rest lengths; changes with them
 
   // Predicted mean motion of the particles within the step [m].
-  Vec3 mean_motion();
+  Vec3 mean_motion() const { return mean_motion_; }
 
  private:
   void begin(const Tendon& c);
@@ -63,8 +63,7 @@ class TendonBvh {
   double skin_ = 0;
   std::vector<Node> nodes_;
   int leaves_ = 0;
-  bool fitted_ = false;    // since the last call of follow()
-  bool averaged_ = false;  // the same
+  bool fitted_ = false;  // since the last call of follow()
   Vec3 mean_motion_;
   std::vector<double> arc_;  // rest length up to each particle [m]
   double joined_arc_ = 0;    // [m]
