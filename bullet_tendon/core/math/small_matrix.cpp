@@ -146,18 +146,15 @@ void rotate(int n, Numbers& a, Numbers& u, int p, int q) {
   const double theta = (a[q * n + q] - a[p * n + p]) / (2 * off);
   const double t = (theta < 0 ? -1 : 1) / (std::fabs(theta) + std::sqrt(theta * theta + 1));
   const double c = 1 / std::sqrt(t * t + 1), s = t * c;
+  auto mix = [c, s](double& x, double& y) {
+    const double before = x;
+    x = c * before - s * y;
+    y = s * before + c * y;
+  };
+  for (int k = 0; k < n; ++k) mix(a[k * n + p], a[k * n + q]);
   for (int k = 0; k < n; ++k) {
-    const double x = a[k * n + p], y = a[k * n + q];
-    a[k * n + p] = c * x - s * y;
-    a[k * n + q] = s * x + c * y;
-  }
-  for (int k = 0; k < n; ++k) {
-    const double x = a[p * n + k], y = a[q * n + k];
-    a[p * n + k] = c * x - s * y;
-    a[q * n + k] = s * x + c * y;
-    const double v = u[k * n + p], w = u[k * n + q];
-    u[k * n + p] = c * v - s * w;
-    u[k * n + q] = s * v + c * w;
+    mix(a[p * n + k], a[q * n + k]);
+    mix(u[k * n + p], u[k * n + q]);
   }
   a[p * n + q] = a[q * n + p] = 0;
 }

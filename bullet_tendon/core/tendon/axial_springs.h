@@ -36,11 +36,14 @@
 
 namespace bt {
 
-// The part of springs that one step passes to the next.
-struct SpringState {
+struct SpringMultipliers {
   std::vector<double> lambda;   // T [N]
   std::vector<double> elastic;  // T_e [N]
-  std::vector<double> slope;    // F' of the linearisation [N/m]; the contact stiffness follows from it
+};
+
+// The part of springs that one step passes to the next.
+struct SpringState : SpringMultipliers {
+  std::vector<double> slope;  // F' of the linearisation [N/m]; the contact stiffness follows from it
   // Of springs that relax: T_e at the start of the substep, and the parts m_i of each spring in turn [N].
   std::vector<double> unrelaxed, memory;
 };
@@ -149,10 +152,5 @@ double stored_energy(const SpringSet& s, const Law& law, const Field& at);
 // Elastic energy [J] of spring k, which relaxes, at a given length: that of a spring of g_0 K, and of springs
 // of g_i K whose tensions are m_i. For a linear law these are the springs of Maxwell's model.
 double maxwell_energy(const SpringSet& s, const Law& law, const Tissue& tissue, int k, double length);
-
-// A copy of the multipliers of a tendon.
-struct Multipliers {
-  std::vector<double> lambda[2], elastic[2];  // of structure and shear springs [N]
-};
 
 }  // namespace bt

@@ -72,22 +72,19 @@ void Tendon::share_out() {
   auto shear_at = [&](int k) {
     return k < 0 || k >= shear.count || is_torn(k) || is_torn(k + 1) ? 0.0 : material.shear_stiffness;
   };
-  double share = material.damping / material.stiffness;
-  for (int k = 0; k + 1 < n_; ++k) {
-    structure.rest[k] = rest[k];
+  const double share = material.damping / material.stiffness;
+  for (int k = 0; k + 1 < n_; ++k)
     structure.stiffness[k] = is_torn(k) ? 0 : material.stiffness - shear_at(k - 1) - shear_at(k);
-    structure.damping[k] = share * structure.stiffness[k];
+  for (int k = 0; k < shear.count; ++k) shear.stiffness[k] = shear_at(k);
+  for (SpringSet* s : {&structure, &shear}) {
+    s->damped = material.damping > 0;
+    for (int k = 0; k < s->count; ++k) {
+      s->rest[k] = s->reach == 1 ? rest[k] : rest[k] + rest[k + 1];
+      s->inverse_rest[k] = 1 / s->rest[k];
+      s->damping[k] = share * s->stiffness[k];
+      s->lighter[k] = std::min(mass[k], mass[k + s->reach]);
+    }
   }
-  for (SpringSet* s : {&structure, &shear})
-    for (int k = 0; k < s->count; ++k) s->lighter[k] = std::min(mass[k], mass[k + s->reach]);
-  structure.damped = shear.damped = material.damping > 0;
-  for (int k = 0; k < shear.count; ++k) {
-    shear.rest[k] = rest[k] + rest[k + 1];
-    shear.stiffness[k] = shear_at(k);
-    shear.damping[k] = share * shear.stiffness[k];
-  }
-  for (SpringSet* s : {&structure, &shear})
-    for (int k = 0; k < s->count; ++k) s->inverse_rest[k] = 1 / s->rest[k];
 }
 
 void Tendon::begin_tissue(double h) {
@@ -156,18 +153,14 @@ void Tendon::stop() {
   dt_before = 0;
 }
 
-void Tendon::keep_multipliers(Multipliers& to) const {
-  to.lambda[0] = structure.lambda;
-  to.elastic[0] = structure.elastic;
-  to.lambda[1] = shear.lambda;
-  to.elastic[1] = shear.elastic;
+void Tendon::keep_multipliers() {
+  start_structure = structure;
+  start_shear = shear;
 }
 
-void Tendon::restore_multipliers(const Multipliers& from) {
-  structure.lambda = from.lambda[0];
-  structure.elastic = from.elastic[0];
-  shear.lambda = from.lambda[1];
-  shear.elastic = from.elastic[1];
+void Tendon::restore_multipliers() {
+  static_cast<SpringMultipliers&>(structure) = start_structure;
+  static_cast<SpringMultipliers&>(shear) = start_shear;
 }
 
 void Tendon::move(int i, Vec3 by) {
@@ -188,17 +181,11 @@ void Tendon::place_anchors() {
 BT_VECTOR void Tendon::advance(double alpha, double second) {
   for (int k = 0; k < 3; ++k) {
     double *u = displacement[k], *at = x_new[k];
-    const double *d = dx[k], *start = x[k];
+    const double *d = dx[k], *c = correction[k], *start = x[k];
 #pragma GCC ivdep
     for (int i = 0; i < n_; ++i) {
       u[i] += alpha * d[i];
-      at[i] = start[i] + u[i];
-    }
-    if (second == 0) continue;
-    const double* c = correction[k];
-#pragma GCC ivdep
-    for (int i = 0; i < n_; ++i) {
-      u[i] += second * c[i];
+      if (second != 0) u[i] += second * c[i];
       at[i] = start[i] + u[i];
     }
   }
@@ -242,10 +229,9 @@ void Tendon::reset_history() {
       end_relaxation(*s, material.law, material.tissue, relaxation, x, true);
     begin_tissue(0);
   }
-  for (SpringSet* s : {&structure, &shear}) {
+  for (SpringSet* s : {&structure, &shear})
     if (s->count > 0)
       evaluate_at(*s, material.law, x, v, 1.0, 1.0);  // sets the multipliers to the true forces
-  }
 }
 
 void Tendon::guess_multipliers(Vec3 gravity) {

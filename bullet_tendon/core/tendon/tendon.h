@@ -81,8 +81,8 @@ struct NewtonSystem {
 // Workspace of a substep. Nothing in it outlasts a step. The unknown is the displacement since the start of
 // the substep. The positions at its end, x_new, are x + displacement, rounded.
 struct TendonWorkspace : PredictedRegion, NewtonSystem {
-  double h_eff = 0;               // step weight b [s] (integrator/scheme.h)
-  Multipliers start_multipliers;  // at the start of the substep
+  double h_eff = 0;                                // step weight b [s] (integrator/scheme.h)
+  SpringMultipliers start_structure, start_shear;  // at the start of the substep
   Relaxation relaxation;
   std::vector<double> loads;  // of the cross-sections, to find a rupture [N]
   bool coupled = false;       // in this step, to a body that has a history
@@ -142,8 +142,9 @@ class Tendon : public TendonModel, public TendonState, public TendonWorkspace {
   // Time in the tissue of a substep of h [s], 0 where no time passes (tendon/tissue.h).
   void begin_tissue(double h);
   void end_tissue(double h);
-  void keep_multipliers(Multipliers& to) const;
-  void restore_multipliers(const Multipliers& from);
+  // Keeps the multipliers at the start of a substep, and returns to them.
+  void keep_multipliers();
+  void restore_multipliers();
   // Centres the predicted region, in which contacts are detected, on x_new.
   void predict();
   // Moves each particle that coincides with its neighbour by a small distance, so that the segment has a

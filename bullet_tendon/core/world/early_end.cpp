@@ -61,7 +61,7 @@ void World::leave_out_island(Island& g) {
       scene.bodies[m].stays = true;
   for (size_t i = 0; i < g.tendons.size(); ++i) {
     Tendon& c = *g.tendons[i];
-    c.restore_multipliers(c.start_multipliers);
+    c.restore_multipliers();
     for (Anchor& h : c.anchors) h.force.mean = h.force.last_mean;
     step_.slots[g.numbers[i]] = nullptr;
     step_.left_out.push_back(g.numbers[i]);

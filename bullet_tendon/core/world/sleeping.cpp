@@ -153,7 +153,7 @@ void World::join_step() {
   for (auto [slot, c] : filled(scene.tendons)) {
     if (step_.slots[slot] || c.sleeping_island >= 0) continue;
     step_.slots[slot] = &c;
-    c.keep_multipliers(c.start_multipliers);
+    c.keep_multipliers();
     for (Anchor& h : c.anchors) {
       h.force.last_mean = h.force.mean;
       h.force.sum = step_.substeps.share_before() * h.force.of_step;

@@ -246,7 +246,7 @@ void World::solve_again(Reason why) {
     step_.substeps.divide(why, why == Reason::turn ? step_.parts : 2);
   else
     step_.substeps.repeat(why);
-  for (auto [slot, c] : filled(step_.slots)) c.restore_multipliers(c.start_multipliers);
+  for (auto [slot, c] : filled(step_.slots)) c.restore_multipliers();
   predict();
 }
 
@@ -368,7 +368,7 @@ void World::take_substep() {
   if (step_.substeps.is_last()) return step_.substeps.accept();
   push_bodies();
   step_.substeps.accept();
-  for (auto [slot, c] : filled(step_.slots)) c.keep_multipliers(c.start_multipliers);
+  for (auto [slot, c] : filled(step_.slots)) c.keep_multipliers();
   step_.stop_changes = 0;
   predict();
 }
