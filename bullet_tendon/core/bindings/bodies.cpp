@@ -261,10 +261,6 @@ struct Reading {
   PyObject* motion_of(int tree) const { return item(PyList_GET_ITEM(bases.ptr(), tree), 1); }
 };
 
-void require_bases(const Articulated& body, const py::list& bases) {
-  if (static_cast<int>(bases.size()) != body.trees()) throw py::value_error("bases");
-}
-
 void take(PyObject* from, int count, std::vector<double>& numbers) {
   for (int i = 0; i < count; ++i) numbers.push_back(number(from, i));
 }
@@ -287,7 +283,7 @@ void place(Articulated& body, const Reading& reading, const std::vector<double>&
 void read_joints(const Articulated& body, const Reading& reading, std::vector<double>& rates,
                  std::vector<double>& places) {
   const py::tuple& joints = reading.joints;
-  require_bases(body, reading.bases);
+  if (static_cast<int>(reading.bases.size()) != body.trees()) throw py::value_error("bases");
   rates.clear();
   places.clear();
   for (int tree = 0; tree < body.trees(); ++tree)
@@ -301,6 +297,14 @@ void read_joints(const Articulated& body, const Reading& reading, std::vector<do
   }
   if (static_cast<int>(rates.size()) != body.dofs() || static_cast<int>(places.size()) != body.places())
     throw py::value_error("joints");
+}
+
+// Places the body as it was read. Returns the rates of its degrees of freedom.
+std::vector<double> place_as_read(Articulated& body, const Reading& reading) {
+  std::vector<double> rates, places;
+  read_joints(body, reading, rates, places);
+  place(body, reading, places);
+  return rates;
 }
 
 // The forces of the motors of joints with one degree of freedom: those of others are in frames of pybullet's
@@ -500,10 +504,7 @@ void add_joint_force(World& w, int slot, const Articulated& tree, int dof, doubl
 // J (links, 6, dofs), the mass matrix, and the generalized force of the motion itself (dofs).
 py::tuple dynamics(Articulated& body, const py::list& infos, const py::list& bases, const py::tuple& joints,
                    const py::list& chosen) {
-  std::vector<double> rates, places;
-  const Reading reading{infos, bases, joints};
-  read_joints(body, reading, rates, places);
-  place(body, reading, places);
+  const std::vector<double> rates = place_as_read(body, {infos, bases, joints});
   const py::ssize_t n = body.dofs(), count = chosen.size();
   Array jacobians({count, py::ssize_t{6}, n}), mass({n, n});
   for (py::ssize_t i = 0; i < count; ++i) {
@@ -675,13 +676,8 @@ void bind_bodies(py::module_& m, GuardedWorld& world) {
       .def("add_body_force", &add_body_force)
       .def("add_joint_force", &add_joint_force);
   m.def("dynamics", &dynamics);
-  m.def("place_body",
-        [](Articulated& tree, const py::list& infos, const py::list& bases, const py::tuple& joints) {
-          std::vector<double> rates, places;
-          const Reading reading{infos, bases, joints};
-          read_joints(tree, reading, rates, places);
-          place(tree, reading, places);
-        });
+  m.def("place_body", [](Articulated& tree, const py::list& infos, const py::list& bases,
+                         const py::tuple& joints) { place_as_read(tree, {infos, bases, joints}); });
   world
       .def("sense",
            [](World& w, double dt, Vec3 gravity) {

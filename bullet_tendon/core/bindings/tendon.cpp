@@ -1,7 +1,6 @@
 // Python's access to tendons and their anchors.
 #include <pybind11/stl.h>
 
-#include <algorithm>
 #include <memory>
 #include <type_traits>
 #include <vector>

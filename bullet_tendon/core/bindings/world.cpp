@@ -96,23 +96,12 @@ enum Outcome { kFailed = 0, kSolved = 1, kSolvedToTell = 2, kBadParameters = 3 }
 
 // A step of p.getPhysicsEngineParameters' length and gravity.
 int apply(World& w, const py::dict& parameters, const py::object& sense, const py::object& measure) {
-  static const std::array<py::handle, 4> names = [] {
-    std::array<py::handle, 4> keys;
-    const char* const text[] = {"fixedTimeStep", "gravityAccelerationX", "gravityAccelerationY",
-                                "gravityAccelerationZ"};
-    for (size_t k = 0; k < keys.size(); ++k) keys[k] = PyUnicode_InternFromString(text[k]);
-    return keys;
-  }();
-  double values[4];
-  for (size_t k = 0; k < names.size(); ++k) {
-    PyObject* value = PyDict_GetItemWithError(parameters.ptr(), names[k].ptr());
-    if (!value) throw py::key_error("physics engine parameters");
-    values[k] = PyFloat_AsDouble(value);
-    if (values[k] == -1 && PyErr_Occurred()) throw py::error_already_set();
-    if (!std::isfinite(values[k])) return kBadParameters;
-  }
-  if (!(values[0] > 0)) return kBadParameters;
-  if (!attempt(w, values[0], {values[1], values[2], values[3]}, sense, measure)) return kFailed;
+  auto value = [&](const char* name) { return parameters[name].cast<double>(); };
+  const double dt = value("fixedTimeStep");
+  const Vec3 gravity{value("gravityAccelerationX"), value("gravityAccelerationY"),
+                     value("gravityAccelerationZ")};
+  if (!(dt > 0) || !std::isfinite(dt) || !std::isfinite(max_abs(gravity))) return kBadParameters;
+  if (!attempt(w, dt, gravity, sense, measure)) return kFailed;
   return w.report().coarse_tendon < 0 && w.report().flat_cartilage < 0 ? kSolved : kSolvedToTell;
 }
 
@@ -200,43 +189,45 @@ void add_pose(std::vector<double>& out, PyObject* found, int first) {
     for (int i = 0; i < 3 + part; ++i) out.push_back(number(item(found, first + part), i));
 }
 
-// The blocks of a moment (`moment`).
+// What a recorder keeps of a moment (`moment`).
 struct Moment {
-  std::vector<float> shapes, energies, anchors, contacts, ligaments;
+  std::vector<std::int32_t> counts;  // of the numbers of each block
+  std::vector<float> numbers;        // of all blocks but the last one, one after the other
   std::vector<double> poses;
 
-  std::array<std::vector<float>*, 5> floats() {
-    return {&shapes, &energies, &anchors, &contacts, &ligaments};
+  template <class List>
+  void add(const List& more) {
+    numbers.insert(numbers.end(), more.begin(), more.end());
   }
-  void clear() {
-    for (std::vector<float>* block : floats()) block->clear();
-    poses.clear();
+  void end_block() {
+    const auto all = static_cast<std::int32_t>(numbers.size());
+    counts.push_back(all - std::accumulate(counts.begin(), counts.end(), 0));
   }
 };
-
-template <class List>
-void append(std::vector<float>& to, const List& numbers) {
-  to.insert(to.end(), numbers.begin(), numbers.end());
-}
 
 void read_parts(const World& w, Moment& to) {
   static thread_local std::vector<double> tension;  // keeps its memory from call to call
   for (auto [slot, tendon] : filled(w.scene.tendons)) {
     for (int i = 0; i < tendon.n(); ++i) {
       const Vec3 x = tendon.x.at(i);
-      append(to.shapes, std::array{x.x, x.y, x.z});
+      to.add(std::array{x.x, x.y, x.z});
     }
     tendon.tension(tension);
-    append(to.shapes, tension);
-    to.energies.push_back(static_cast<float>(tendon.energy()));
+    to.add(tension);
+  }
+  to.end_block();
+  for (auto [slot, tendon] : filled(w.scene.tendons)) to.add(std::array{tendon.energy()});
+  to.end_block();
+  for (auto [slot, tendon] : filled(w.scene.tendons))
     for (const Anchor& h : tendon.anchors) {
       const Vec3 f = h.force.read;
-      append(to.anchors, std::array{double(slot), double(h.particle), double(h.link), f.x, f.y, f.z});
+      to.add(std::array{double(slot), double(h.particle), double(h.link), f.x, f.y, f.z});
     }
-  }
-  for (size_t i = 0; i < w.contact_count(); ++i) append(to.contacts, row_of(w, w.contact(i)));
-  for (auto [slot, ligament] : filled(w.scene.ligaments))
-    append(to.ligaments, std::array{double(slot), ligament.force});
+  to.end_block();
+  for (size_t i = 0; i < w.contact_count(); ++i) to.add(row_of(w, w.contact(i)));
+  to.end_block();
+  for (auto [slot, ligament] : filled(w.scene.ligaments)) to.add(std::array{double(slot), ligament.force});
+  to.end_block();
 }
 
 // Writes what a recorder keeps of a moment into `memory` from the byte `start` on. Returns its end; where it
@@ -250,7 +241,9 @@ void read_parts(const World& w, Moment& to) {
 py::ssize_t moment(const World& w, py::array_t<std::uint8_t>& memory, py::ssize_t start, bool at_once,
                    const py::list& bases, const py::object& ask, const py::list& links) {
   static thread_local Moment found;  // keeps its memory from call to call
-  found.clear();
+  found.counts.clear();
+  found.numbers.clear();
+  found.poses.clear();
   for (const py::handle base : bases) {
     const int slot = static_cast<int>(number(base.ptr(), 0));
     if (at_once && slot >= 0 && slot < static_cast<int>(w.standing.size()) && w.standing[slot])
@@ -260,15 +253,10 @@ py::ssize_t moment(const World& w, py::array_t<std::uint8_t>& memory, py::ssize_
   }
   for (const py::handle link : links) add_pose(found.poses, link.ptr(), kLinkFrame);
   read_parts(w, found);
-  std::vector<std::int32_t> counts;
-  size_t bytes = sizeof(double) * found.poses.size();
-  for (const std::vector<float>* block : found.floats()) {
-    counts.push_back(static_cast<std::int32_t>(block->size()));
-    bytes += sizeof(float) * block->size();
-  }
-  counts.push_back(static_cast<std::int32_t>(found.poses.size()));
-  bytes += sizeof(std::int32_t) * counts.size();
-  const auto size = static_cast<py::ssize_t>(bytes);
+  found.counts.push_back(static_cast<std::int32_t>(found.poses.size()));
+  const auto size =
+      static_cast<py::ssize_t>(sizeof(std::int32_t) * found.counts.size() +
+                               sizeof(float) * found.numbers.size() + sizeof(double) * found.poses.size());
   if (start < 0 || start + size > memory.size()) return -size;
   std::uint8_t* at = memory.mutable_data() + start;
   auto write = [&at](const auto& list) {
@@ -276,8 +264,8 @@ py::ssize_t moment(const World& w, py::array_t<std::uint8_t>& memory, py::ssize_
     if (of_list > 0) std::memcpy(at, list.data(), of_list);
     at += of_list;
   };
-  write(counts);
-  for (const std::vector<float>* block : found.floats()) write(*block);
+  write(found.counts);
+  write(found.numbers);
   write(found.poses);
   return start + size;
 }
