@@ -7,6 +7,7 @@
 #include <cstring>
 #include <functional>
 #include <memory>
+#include <numeric>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -94,14 +95,25 @@ bool attempt(World& w, double dt, Vec3 gravity, const py::object& sense, const p
 // kSolvedToTell: the report names what has to be warned of.
 enum Outcome { kFailed = 0, kSolved = 1, kSolvedToTell = 2, kBadParameters = 3 };
 
-// A step of p.getPhysicsEngineParameters' length and gravity.
+// A step of p.getPhysicsEngineParameters' length and gravity. Every step asks: its names are made once.
 int apply(World& w, const py::dict& parameters, const py::object& sense, const py::object& measure) {
-  auto value = [&](const char* name) { return parameters[name].cast<double>(); };
-  const double dt = value("fixedTimeStep");
-  const Vec3 gravity{value("gravityAccelerationX"), value("gravityAccelerationY"),
-                     value("gravityAccelerationZ")};
-  if (!(dt > 0) || !std::isfinite(dt) || !std::isfinite(max_abs(gravity))) return kBadParameters;
-  if (!attempt(w, dt, gravity, sense, measure)) return kFailed;
+  static const std::array<py::handle, 4> names = [] {
+    std::array<py::handle, 4> keys;
+    const char* const text[] = {"fixedTimeStep", "gravityAccelerationX", "gravityAccelerationY",
+                                "gravityAccelerationZ"};
+    for (size_t k = 0; k < keys.size(); ++k) keys[k] = PyUnicode_InternFromString(text[k]);
+    return keys;
+  }();
+  double values[4];
+  for (size_t k = 0; k < names.size(); ++k) {
+    PyObject* value = PyDict_GetItemWithError(parameters.ptr(), names[k].ptr());
+    if (!value) throw py::key_error("physics engine parameters");
+    values[k] = PyFloat_AsDouble(value);
+    if (values[k] == -1 && PyErr_Occurred()) throw py::error_already_set();
+    if (!std::isfinite(values[k])) return kBadParameters;
+  }
+  if (!(values[0] > 0)) return kBadParameters;
+  if (!attempt(w, values[0], {values[1], values[2], values[3]}, sense, measure)) return kFailed;
   return w.report().coarse_tendon < 0 && w.report().flat_cartilage < 0 ? kSolved : kSolvedToTell;
 }
 
