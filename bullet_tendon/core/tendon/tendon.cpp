@@ -132,14 +132,23 @@ bool Tendon::threads(int segment, int tunnel) const {
                      [&](const Threaded& of) { return of.segment == segment && of.tunnel == tunnel; });
 }
 
+bool Tendon::threads(int tunnel) const {
+  return std::any_of(threaded.begin(), threaded.end(),
+                     [&](const Threaded& of) { return of.tunnel == tunnel; });
+}
+
 bool Tendon::is_in_bore(int segment, int tunnel) const {
   return tunnel_of[segment] == tunnel || tunnel_of[segment + 1] == tunnel || threads(segment, tunnel);
 }
 
 bool Tendon::is_in_bore(int tunnel) const {
-  return std::find(tunnel_of.begin(), tunnel_of.end(), tunnel) != tunnel_of.end() ||
-         std::any_of(threaded.begin(), threaded.end(),
-                     [&](const Threaded& of) { return of.tunnel == tunnel; });
+  return std::find(tunnel_of.begin(), tunnel_of.end(), tunnel) != tunnel_of.end() || threads(tunnel);
+}
+
+void Tendon::leave_bore(int tunnel) {
+  std::replace(tunnel_of.begin(), tunnel_of.end(), tunnel, -1);
+  const auto of_it = [&](const Threaded& of) { return of.tunnel == tunnel; };
+  threaded.erase(std::remove_if(threaded.begin(), threaded.end(), of_it), threaded.end());
 }
 
 void Tendon::leave_bores() {

@@ -132,11 +132,13 @@ class Tendon : public TendonModel, public TendonState, public TendonWorkspace {
   void advance(double alpha, double second = 0);
   // Sets all velocities to zero and clears the history. Keeps positions and multipliers.
   void stop();
-  // Whether a segment runs through a bore with both ends outside of it.
+  // Whether a segment runs through a bore with both ends outside of it; and whether any does.
   bool threads(int segment, int tunnel) const;
+  bool threads(int tunnel) const;
   // Whether a segment is in a bore, or one of its ends is; and whether any is.
   bool is_in_bore(int segment, int tunnel) const;
   bool is_in_bore(int tunnel) const;
+  void leave_bore(int tunnel);
   void leave_bores();
   bool is_torn(int segment) const { return std::find(torn.begin(), torn.end(), segment) != torn.end(); }
   // Time in the tissue of a substep of h [s], 0 where no time passes (tendon/tissue.h).

@@ -751,7 +751,7 @@ void World::classify(int tendon) {
   const Box box = box_of(c.x);
   detection_.near_tunnels.clear();
   for (int t = 0; t < static_cast<int>(scene.tunnels.size()); ++t)
-    if (may_enter(tendon, t) && (overlap(box, detection_.bores[t].box, c.radius) || c.is_in_bore(t)))
+    if (may_enter(tendon, t) && (overlap(box, detection_.bores[t].box, c.radius) || c.threads(t)))
       detection_.near_tunnels.push_back(t);
   thread(c);
   for (int i = 0; i < c.n(); ++i) {

@@ -74,10 +74,7 @@ void World::remove_tunnel(int slot) {
   scene.tunnels.remove(slot);
   contacts_.all.clear();
   forget_planes();
-  for (auto [tendon, c] : filled(scene.tendons)) {
-    std::replace(c.tunnel_of.begin(), c.tunnel_of.end(), slot, -1);
-    remove_where(c.threaded, [&](const Threaded& of) { return of.tunnel == slot; });
-  }
+  for (auto [tendon, c] : filled(scene.tendons)) c.leave_bore(slot);
   forget_memory([&](const ContactKey& k) {
     return (k.kind == ContactKind::bore && k.other == slot) ||
            (k.kind == ContactKind::mouth && k.other / 2 == slot);
