@@ -1,6 +1,7 @@
 """States that somebody made up: refused, or taken without harm, and never a crash."""
 
 import contextlib
+import struct
 
 import numpy as np
 import pybullet as p
@@ -90,6 +91,24 @@ def test_an_observer_of_more_coordinates_than_its_body_has(world):
         data[at : at + 4] = count.to_bytes(4, "little", signed=True)
         assert not restored(world, bytes(data))
         assert world._core.save() == good
+
+
+@pytest.mark.parametrize(("field", "slot"), [("segment", 10), ("segment", -1), ("tunnel", 1), ("tunnel", -1)])
+def test_a_segment_or_a_tunnel_that_is_not_there(client, field, slot):
+    """Of a cord with ten segments, the fifth of which runs through the only tunnel."""
+    world = bt.TendonWorld(client)
+    bead = p.createMultiBody(0, physicsClientId=client)
+    world.add_tunnel(bead, -1, (-0.01, 0, 0), (0.01, 0, 0), 0.01)
+    world.add_tendon([(-0.45, 0, 0), (0.55, 0, 0)], 0.005, bt.Material(stiffness=1e3), 11)
+    world.step()
+    good = world._core.save()
+    at = good.index(tag("threaded")) + 4
+    assert good[at : at + 24] == struct.pack("<Q4sI4sI", 1, tag("segment"), 4, tag("tunnel"), 0)
+    data = bytearray(good)
+    at = good.index(tag(field), at) + 4
+    data[at : at + 4] = slot.to_bytes(4, "little", signed=True)
+    assert not restored(world, bytes(data))
+    assert world._core.save() == good
 
 
 @pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.999])
