@@ -111,6 +111,28 @@ def test_a_segment_or_a_tunnel_that_is_not_there(client, field, slot):
     assert world._core.save() == good
 
 
+@pytest.mark.parametrize("part", ["contacts", "memory"])
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [("kind", 4), ("kind", -1), ("tendon", 1), ("feature", 21), ("other", 1), ("other", -1)],
+)
+def test_a_contact_with_what_is_not_there(client, part, field, value):
+    """A rope of eleven particles on the only obstacle, with an index past the last or before the first."""
+    world = bt.TendonWorld(client)
+    half = p.createCollisionShape(p.GEOM_BOX, halfExtents=[1, 1, 0.1], physicsClientId=client)
+    world.add_obstacle(p.createMultiBody(0, half, physicsClientId=client))
+    p.setGravity(0, 0, -9.81, physicsClientId=client)
+    world.add_tendon([(-0.5, 0, 0.105), (0.5, 0, 0.105)], 0.005, bt.Material(stiffness=1e3), 11)
+    world.step(5)
+    good = world._core.save()
+    data = bytearray(good)
+    at = good.index(tag("key") + tag("kind"), good.index(tag(part)))
+    at = good.index(tag(field), at) + 4
+    data[at : at + 4] = value.to_bytes(4, "little", signed=True)
+    assert not restored(world, bytes(data))
+    assert world._core.save() == good
+
+
 @pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.999])
 def test_cut_off(world, share):
     good = world._core.save()

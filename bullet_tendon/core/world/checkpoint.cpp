@@ -119,6 +119,11 @@ constexpr const char* kIndices = "with indices of the world's parts";
 
 bool within(int index, size_t count) { return index >= 0 && static_cast<size_t>(index) < count; }
 
+template <class T>
+bool filled_at(const Slots<T>& slots, int slot) {
+  return within(slot, slots.size()) && slots[slot];
+}
+
 void require_springs(const SpringState& s, size_t count, const Tissue& tissue) {
   for (const auto* list : {&s.lambda, &s.elastic, &s.slope}) require(list->size() == count, kSizes);
   require(s.unrelaxed.size() == (tissue.relaxes() ? count : 0), kSizes);
@@ -142,9 +147,9 @@ void require_tendon(const TendonCheckpoint& t, const Tendon& c, size_t links, co
   require_springs(t.structure, c.structure.count, c.material.tissue);
   require_springs(t.shear, c.shear.count, c.material.tissue);
   for (int segment : s.torn) require(within(segment, n - 1), kIndices);
-  const auto is_tunnel = [&](int slot) { return within(slot, tunnels.size()) && tunnels[slot]; };
-  for (int in : s.tunnel_of) require(in == -1 || is_tunnel(in), kIndices);
-  for (const Threaded& of : s.threaded) require(within(of.segment, n - 1) && is_tunnel(of.tunnel), kIndices);
+  for (int in : s.tunnel_of) require(in == -1 || filled_at(tunnels, in), kIndices);
+  for (const Threaded& of : s.threaded)
+    require(within(of.segment, n - 1) && filled_at(tunnels, of.tunnel), kIndices);
   for (const Anchor& h : s.anchors) {
     require(within(h.particle, n), kIndices);
     require(h.link == -1 || within(h.link, links), kIndices);
@@ -235,18 +240,31 @@ void World::require_state(const Checkpoint& c) const {
   for (const Link& l : c.links) require_link(l, c.bodies);
   for (const Link& l : c.sensed_links) require_link(l, c.sensed_bodies);
   auto segment = [&](int tendon, int first) {
-    return within(tendon, scene.tendons.size()) && scene.tendons[tendon] &&
-           within(first, scene.tendons[tendon]->n() - 1);
+    return filled_at(scene.tendons, tendon) && within(first, scene.tendons[tendon]->n() - 1);
+  };
+  auto of_parts = [&](const ContactKey& k) {
+    if (!filled_at(scene.tendons, k.tendon) || !within(k.feature, 2 * scene.tendons[k.tendon]->n() - 1))
+      return false;
+    switch (k.kind) {
+      case ContactKind::bone:
+        return filled_at(scene.shapes, k.other);
+      case ContactKind::bore:
+        return filled_at(scene.tunnels, k.other);
+      case ContactKind::mouth:
+        return k.other >= 0 && filled_at(scene.tunnels, k.other / 2);
+      case ContactKind::tendon:
+        return segment(k.other, k.other_feature);
+    }
+    return false;
   };
   auto require_contact = [&](const Contact& r) {
     require(segment(r.a.tendon, r.a.first) && (r.b.tendon == -1 || segment(r.b.tendon, r.b.first)), kIndices);
     require(r.link == -1 || within(r.link, c.links.size()), kIndices);
-    require(within(static_cast<int>(r.key.kind), 4), kIndices);
+    require(of_parts(r.key), kIndices);
   };
   for (const Contact& r : c.contacts) require_contact(r);
   for (const Contact& r : c.sleeping_contacts) require_contact(r);
-  for (const ContactMemory& m : c.memory)
-    require(within(m.key.tendon, scene.tendons.size()) && scene.tendons[m.key.tendon], kIndices);
+  for (const ContactMemory& m : c.memory) require(of_parts(m.key), kIndices);
   auto in_order = [](const ContactMemory& a, const ContactMemory& b) { return a.key < b.key; };
   require(std::is_sorted(c.memory.begin(), c.memory.end(), in_order), "in order");
 }
