@@ -238,3 +238,24 @@ def test_a_snapshot_holds_which_segments_run_through_bores(make_world, client):
         ends.append(t.positions.copy())
         world.load_snapshot(saved)
     assert np.array_equal(*ends)
+
+
+@pytest.mark.parametrize("torque", [3e-4, 1e-3])
+def test_a_bead_that_tilts_against_its_mouths_takes_few_solutions(make_world, client, torque):
+    """The edges of mouths turn with their body: force and gap have one Jacobian."""
+    world, half = make_world(1 / 240), 0.01
+    material = bt.Material(stiffness=2e4)
+    t = world.add_tendon([(-0.1, 0, 0), (0.1, 0, 0)], 0.002, material, 41, rest_length=0.199)
+    t.grip(0), t.grip(-1)
+    shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=[half] * 3, physicsClientId=client)
+    bead = p.createMultiBody(0.01, shape, physicsClientId=client)
+    p.changeDynamics(bead, -1, linearDamping=0, angularDamping=0, physicsClientId=client)
+    tunnel = world.add_tunnel(bead, -1, (-half, 0, 0), (half, 0, 0), 0.003, friction=0.0)
+    solutions = []
+    for _ in range(40):
+        p.applyExternalTorque(bead, -1, (0, torque, 0), p.WORLD_FRAME, physicsClientId=client)
+        world.step()
+        assert world.report.converged
+        solutions.append(world.report.counts["linear_solves"])
+    assert sum(solutions) < 80 and max(solutions[-20:]) <= 2
+    assert off_centres(tunnel, t) == pytest.approx([tunnel.radius - t.radius] * 2, rel=0.1)

@@ -107,6 +107,11 @@ Vec3 Link::displaced_from_foreseen(Vec3 arm) const {
   return iterate.turned.far ? more.linear + now(arm) - foreseen.turn * arm : more.at(arm);
 }
 
+Rot3 Link::turned_from_foreseen() const {
+  if (iterate.turned.far) return iterate.turned.rotation * transposed(foreseen.turn);
+  return rotation_by((iterate.given - foreseen.given).angular);
+}
+
 Vec3 Link::torque_of(Vec3 f, Vec3 arm) const {
   return transposed_times(iterate.turned.rate, cross(now(arm), f));
 }

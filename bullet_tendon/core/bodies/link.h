@@ -155,6 +155,7 @@ struct Link {
   Vec3 stepped(Vec3 arm) const { return iterate.stepped.at(now(arm)); }
   // The displacement by the unknowns, relative to where the link is foreseen to be.
   Vec3 displaced_from_foreseen(Vec3 arm) const;
+  Rot3 turned_from_foreseen() const;
   // Generalized torque of a force at the arm on theta (bodies/finite_rotation.h) [N m].
   Vec3 torque_of(Vec3 f, Vec3 arm) const;
   // Twist by the unknowns, or by their change, divided by s.

@@ -69,6 +69,7 @@ struct ContactGeometry {
   double radius = 0;           // of the tendon, or the sum of both tendons' radii [m]
   Rim rim;                     // mouth: its edge; bore: a circle of its wall, less the tendon's radius; round
                                // surface: the circle of its curvature, plus the tendon's radius
+  Rim foreseen_rim;            // mouth: its edge where that is foreseen to be
   Vec3 rim_shift;              // displacement of the contact point with the body, less that of the rim [m]
   RimPoint edge;               // mouth: the point of its edge, as last evaluated
   bool threads_mouth = false;  // mouth contact of a segment that passes through the mouth
@@ -166,6 +167,9 @@ struct Contact {
   bool is_round() const { return key.kind == ContactKind::bone && geometry.rim.radius > 0; }
   // Whether the gap is that of a curved surface, else of a plane.
   bool is_curved() const { return key.kind == ContactKind::bore || follows(); }
+  // Whether the surface turns with its body in a solution. That of a bore and a round one need not, because
+  // their normals lead through the centre that moves with the body. Planes stay as they were detected.
+  bool turns() const { return key.kind == ContactKind::mouth; }
   // Whether the contact point slides along its segment.
   bool follows() const { return key.kind == ContactKind::mouth || is_round(); }
   // Finds the point of the segment start-end nearest to the edge or the round surface, from the last one.

@@ -38,6 +38,11 @@ Rim rim_of(Vec3 centre, Vec3 axis, double radius, Vec3 slope) {
   return rim;
 }
 
+Rim turned(Rim rim, const Rot3& by) {
+  for (Vec3* v : {&rim.axis, &rim.slope, &rim.longer, &rim.shorter}) *v = by * *v;
+  return rim;
+}
+
 void end_halves(Rim& rim, double distance, Vec3 along) {
   // Seen along the line, the ellipse has the semi-axes A and B. From its point (A c, B s), the normal meets
   // the first of them after B/A sqrt(A^2 s^2 + B^2 c^2).

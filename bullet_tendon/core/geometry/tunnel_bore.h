@@ -31,6 +31,8 @@ struct Rim {
 };
 
 Rim rim_of(Vec3 centre, Vec3 axis, double radius, Vec3 slope);
+// The rim after a rotation about its centre.
+Rim turned(Rim rim, const Rot3& by);
 
 // Ends both halves of an ellipse where they are nearest to a line that goes along a direction between them,
 // at this distance from both [m]: such a line keeps it from the rest of them.

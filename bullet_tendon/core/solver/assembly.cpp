@@ -240,11 +240,15 @@ Vec3 rim_moved(const Island& island, const Contact& contact) {
 
 }  // namespace
 
-// A round surface that rotates about its axis stays where it is, while the contact point moves with it.
+// A round surface that rotates about its axis stays where it is, while the contact point moves with it. The
+// edge of a mouth turns with its body: force and gap have one Jacobian.
 void follow(Island& island, Contact& contact) {
   if (contact.is_curved()) {
     const Vec3 moved = rim_moved(island, contact);
     const Field& x = island.at(contact.a).x_new;
+    if (contact.moves && contact.turns())
+      contact.geometry.rim =
+          turned(contact.geometry.foreseen_rim, island.bodies.link(contact.link).turned_from_foreseen());
     if (contact.follows()) contact.follow(x.at(contact.a.first) - moved, x.at(contact.a.first + 1) - moved);
     // The arm leads to the point at which the force acts, so that it turns neither the one nor the other.
     const Vec3 at = contact.a.of(x) - moved;
@@ -299,10 +303,10 @@ BT_VECTOR void find_matrix(const Contact& contact, const Link* link, const Vec3*
     for (int j = i; j < particles; ++j) k.at(i, j) = scaled(weights[i] * weights[j], block);
   Vec3 rim;
   if (link) {
-    // A rim that does not turn with the body moves as its centre does, and so do the normal and the point
+    // A surface that does not turn with the body moves as its centre does, and so do the normal and the point
     // that slides along it.
     const Vec3 arm = link->now(contact.arm);
-    rim = contact.is_curved() && !turned ? link->now(contact.rim_arm) : arm;
+    rim = contact.is_curved() && !contact.turns() && !turned ? link->now(contact.rim_arm) : arm;
     const Block3 fixed = crossed(block_of(force.block + -1.0 * force.turning), arm);
     const Block3 turning = crossed(block_of(force.turning), rim);
     Block3 all = sum_of(fixed, turning);
@@ -376,7 +380,8 @@ void linearise_contacts(Island& island, bool slide, bool definite) {
     if (slide) find_sliding_terms(island, contact, definite);
     const Link* link = contact.moves ? &island.bodies.link(contact.link) : nullptr;
     const Vec3 segment = a.x_new.at(contact.a.first + 1) - a.x_new.at(contact.a.first);
-    find_matrix(contact, link, link && island.bodies.turn_surfaces ? &segment : nullptr, k);
+    const bool turns = island.bodies.turn_surfaces || (!definite && contact.turns());
+    find_matrix(contact, link, link && turns ? &segment : nullptr, k);
     add_within_band(a.matrix, contact.a.first, k, 0);
     if (contact.b.tendon >= 0) add_within_band(island.at(contact.b).matrix, contact.b.first, k, 2);
     if (!link) continue;

@@ -56,7 +56,7 @@ struct IslandBodies {
   std::vector<int> carried;                     // links of these bodies
   int freedom = 0;                              // number of unknowns
   double reach = 0;                             // s of bodies/body_response.h [s]
-  // Whether the surfaces of contacts turn with the bodies in the matrix. In a step they stay as detected.
+  // Whether all surfaces of contacts turn with the bodies in the matrix. In a step, most stay as detected.
   bool turn_surfaces = false;
   // By tendon of the island: its border. By slot: the index of the tendon in the island. By link: its
   // columns.

@@ -937,7 +937,7 @@ void World::mouth_contact(const SegmentAtMouth& at, const Rim& rim, double u) {
   contact.link = tunnel.link;
   contact.key = {ContactKind::mouth, at.tendon, k, 2 * at.tunnel + at.mouth, 0, rim.half};
   contact.a = {at.tendon, k, 1 - u, u};
-  contact.geometry.rim = foreseen_rim(rim, link);
+  contact.geometry.rim = contact.geometry.foreseen_rim = foreseen_rim(rim, link);
   contact.geometry.margin = options.contact_threshold;
   contact.geometry.offset = distance_kept_from_edge(c, at.tunnel);
   std::copy_n(at.now.bend, 2, contact.geometry.bend);
