@@ -240,6 +240,23 @@ def test_a_snapshot_holds_which_segments_run_through_bores(make_world, client):
     assert np.array_equal(*ends)
 
 
+@pytest.mark.parametrize("angle", [0.7, 1.0, 1.3])
+def test_what_a_bead_turned_out_of_its_wall_is_drawn_back(make_world, client, angle):
+    """A particle that the turn leaves beside the bead, next to one in its bore, passed no mouth."""
+    world, half = make_world(1 / 240), (3e-3, 2.6e-3, 2.6e-3)
+    shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=half, physicsClientId=client)
+    bead = p.createMultiBody(0, shape, physicsClientId=client)
+    world.add_obstacle(bead)
+    tunnel = world.add_tunnel(bead, -1, (-half[0], 0, 0), (half[0], 0, 0), radius=1.9e-3)
+    cord = bt.Material(stiffness=100.0, damping=1.0, density=1100.0)
+    t = world.add_tendon([(-0.0228, 0, 0), (0.0228, 0, 0)], 1e-3, cord, 20, rest_length=0.045)
+    t.grip(0), t.grip(-1)
+    world.step(5)
+    tilt_bead(world, tunnel, client, angle)
+    assert world.report.converged
+    assert off_centres(tunnel, t) == pytest.approx([tunnel.radius - t.radius] * 2, rel=0.4)
+
+
 @pytest.mark.parametrize("torque", [3e-4, 1e-3])
 def test_a_bead_that_tilts_against_its_mouths_takes_few_solutions(make_world, client, torque):
     """The edges of mouths turn with their body: force and gap have one Jacobian."""

@@ -745,7 +745,9 @@ bool came_through_mouth(const Tendon& c, const Bore& bore, int first, int last) 
 
 // Algorithm 2, step 1. A particle enters a bore when it is within the bore's radius and came through a mouth.
 // It belongs to the bore until it is beyond a mouth, even if a step moves it farther from the axis. So does a
-// segment that the bore is shorter than, until its ends are not beyond both mouths.
+// segment that the bore is shorter than, until its ends are not beyond both mouths. What is next to a
+// particle in the bore, and before both mouths, is in the bore too: the segment between them passes no mouth.
+// A body that turns by much in a step would press it out of the bore from beside, and in from its wall.
 void World::classify(int tendon) {
   Tendon& c = *step_.slots[tendon];
   const Box box = box_of(c.x);
@@ -788,6 +790,12 @@ void World::enter(Tendon& c, int tunnel) {
     if (any || came_through_mouth(c, bore, first, i))
       std::fill(c.tunnel_of.begin() + first, c.tunnel_of.begin() + i + 1, tunnel);
   }
+  auto follow = [&](int i, int next) {
+    if (c.tunnel_of[i] == tunnel && c.tunnel_of[next] < 0 && bore.beyond(c.x.at(next)) <= 0)
+      c.tunnel_of[next] = tunnel;
+  };
+  for (int i = 0; i + 1 < c.n(); ++i) follow(i, i + 1);
+  for (int i = c.n() - 1; i > 0; --i) follow(i, i - 1);
 }
 
 // A tunnel is skipped if the tendon is farther from the bore's box than both can move in the substep plus the
