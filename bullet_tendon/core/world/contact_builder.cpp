@@ -46,6 +46,11 @@ constexpr double kSpringTangentRatio = 0.1;
 // segment has three contacts, whose shares of the load depend on rounding errors.
 constexpr double kNoBulge = 1e-5;
 
+// A segment on a round surface has a point that is nearest to it where it turns around it by so much that its
+// interior is this many radii nearer than its ends [-]. Smaller: the point of a segment along a cylinder is
+// anywhere on it, by rounding, and contacts do not converge. Larger: small wheels feel chords.
+constexpr double kAcross = 2e-3;
+
 // Largest bend of a segment, over that with which all of it is equally near to the edge of a mouth, so that
 // it has no nearest point [-]. Smaller: a coarse tendon is felt to turn at its particles.
 constexpr double kBend = 0.5;
@@ -117,6 +122,12 @@ bool bulges(const NearCache& cache, int n, int k, double radius) {
   return true;
 }
 
+// Whether a segment turns around a round surface, else lies along it.
+bool is_across(const Tangent& surface, Vec3 segment, double radius) {
+  const Vec3 across = without(segment, cross(surface.normal, surface.along));
+  return dot(across, across) > 8 * kAcross * radius * surface.radius;
+}
+
 // Whether the point of segment k that is nearest to a round surface is predicted to be inside the segment at
 // the end of the substep. A body that rolls along a tendon then presses on a segment that it does not touch
 // yet. Without a contact there, the last segment's end would carry it from behind.
@@ -124,7 +135,7 @@ bool will_bulge(const NearCache& cache, const Shape& shape, const Tendon& c, int
   if (!cache.entries[c.n() + k].wanted) return false;
   const Vec3 start = to_local(end, c.predicted.at(k)), way = to_local(end, c.predicted.at(k + 1)) - start;
   const Tangent surface = tangent_of(cache, shape, c.n() + k, start);
-  if (surface.radius == 0) return false;
+  if (surface.radius == 0 || !is_across(surface, way, c.radius)) return false;
   const Vec3 across = without(way, cross(surface.normal, surface.along));
   const double at = dot(surface.point - surface.radius * surface.normal - start, across);
   return at > 0 && at < dot(across, across);
@@ -390,7 +401,8 @@ Contact World::plane_contact(SegmentPoint spot, int link_slot, const Tangent& su
   // Where rotations of free bodies are not finite, the force acts where its point was at the start (set_arm).
   // A point that follows to the end would hold back a ball that rolls.
   const bool is_free = link.yields() && link.jacobian.empty() && !turns_far(link);
-  if (surface.radius > 0 && !is_free)
+  const Vec3 segment = c.x.at(spot.first + 1) - c.x.at(spot.first);
+  if (surface.radius > 0 && !is_free && is_across(surface, segment, c.radius))
     contact.geometry.rim = rim_of(surface.point - surface.radius * surface.normal,
                                   cross(surface.normal, surface.along), surface.radius + kept, {});
   contact.geometry.margin = kept - c.radius;

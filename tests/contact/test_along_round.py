@@ -1,0 +1,39 @@
+"""Cords along round shapes, nearly parallel to their axes: no point of a segment is the nearest one."""
+
+import numpy as np
+import pybullet as p
+import pytest
+
+import bullet_tendon as bt
+
+RADIUS, BAR, HALF = 0.002, 0.01, 0.1  # m: of the cord, of the bar; half the cord's length
+
+
+def lay_along(world, client, kind, angle, aside, particles, friction):
+    """A cord along the top of a horizontal bar, drawn down at both ends by soft hands."""
+    turn = p.getQuaternionFromEuler((0, np.pi / 2, 0))
+    shape = p.createCollisionShape(kind, radius=BAR, height=0.15, physicsClientId=client)
+    bar = p.createMultiBody(0, shape, -1, (0, 0, 0), turn, physicsClientId=client)
+    world.add_obstacle(bar, friction=friction)
+    along, top = HALF * np.array([np.cos(angle), np.sin(angle), 0]), np.array([0, aside, BAR + RADIUS])
+    material = bt.Material(stiffness=1e4, damping=1.0, friction=friction)
+    t = world.add_tendon([top - along, top + along], RADIUS, material, particles)
+    for end, side in ((0, -1), (-1, 1)):
+        t.grip(end, target=top + side * along - (0, 0, 1e-3), stiffness=500.0, damping=1.0)
+    return t
+
+
+@pytest.mark.parametrize("kind", [p.GEOM_CYLINDER, p.GEOM_CAPSULE])
+@pytest.mark.parametrize("angle", [1e-6, 1e-3, 1e-2, 3e-2, 0.1])
+@pytest.mark.parametrize(("aside", "particles", "friction"), [(0, 21, 0.5), (1e-3, 11, 0.0), (1e-3, 7, 0.3)])
+def test_steps_are_few_solutions(make_world, client, kind, angle, aside, particles, friction):
+    world = make_world(1 / 240, (0, 0, -9.81))
+    t = lay_along(world, client, kind, angle, aside, particles, friction)
+    solutions = []
+    for _ in range(120):
+        world.step()
+        assert world.report.converged
+        solutions.append(world.report.counts["linear_solves"])
+    assert sum(solutions) < 2000 and max(solutions) < 60
+    over = np.abs(t.positions[:, 0]) < 0.07
+    assert np.hypot(*t.positions[over, 1:].T).min() > BAR + 0.99 * RADIUS
