@@ -897,6 +897,31 @@ def shackle(scene):
 
 
 @family
+def bead(scene):
+    """A bead on a cord between two hands that come together: it slides to the lowest place and stays."""
+    scene.begin()
+    size = scene.log(0.005, 0.05)
+    radius = size / scene.flat(6, 12)
+    span, slack = scene.flat(60, 200) * radius, scene.flat(0.1, 0.5)
+    mu, mass = scene.pick(0.0, scene.flat(0.05, 0.4)), rounded(scene.log(300, 8000) * size**3)
+    line = [[-span / 2, 0, 0], [span / 2, 0, 0]]
+    cord = scene.world.add_tendon(line, radius, scene.material(G * mass, friction=mu), scene.whole(20, 60))
+    held, hand = cord.grip(0), cord.grip(-1)
+    kind = scene.pick("sphere", "cylinder", "box")
+    sizes = {"sphere": (size / 2,), "cylinder": (size / 2, size), "box": (size, size, size)}[kind]
+    body = scene.body(kind, sizes, mass, (scene.flat(-0.2, 0.2) * span, 0, 0), friction=mu)
+    bore = scene.flat(1.3, 2.5) * radius
+    tunnel = scene.world.add_tunnel(body, -1, (-size / 2, 0, 0), (size / 2, 0, 0), bore, friction=mu)
+    scene.lead(hand, (-slack * span, 0, 0), scene.steps // 3)
+    settle(scene)
+    scene.passes(cord, tunnel._target)
+    given = -held.force[2] - hand.force[2]
+    moving = mass * np.linalg.norm(scene.speed(body)) / scene.dt
+    weight = G * (mass + float(cord._target.masses.sum()))
+    scene.near("force on both hands [N]", given, weight, rel=0.01, absolute=moving + scene.inertia(cord))
+
+
+@family
 def held_in_jaws(scene):
     """Jaws that motors press on a box hold it, and a load that hangs from the box by a cord."""
     scene.begin()

@@ -731,6 +731,15 @@ class Scene:
                 moved = min(np.abs(t.velocities).max() * self.dt, t.radius / 2)
                 self.check(over <= 0.05 * t.radius + moved, f"{over:.3g} m into the wall of a bore")
 
+    def passes(self, tendon, bore):
+        """The tendon runs through the bore: its centreline crosses the middle of that within the wall."""
+        points = brute_force.subdivided(tendon.positions, PARTS)
+        along, aside = self.in_bore(points, bore)
+        middle = np.linalg.norm(bore.end - bore.start) / 2
+        crossings = np.flatnonzero((along[1:] > middle) != (along[:-1] > middle))
+        least = np.minimum(aside[crossings], aside[crossings + 1]).min(initial=np.inf)
+        self.check(least < bore.radius, f"{tendon.name} is {least:.3g} m beside the axis of a bore")
+
     def _has_wall(self, points, bore):
         """Whether the wall of a bore beside points is in one of its link's solids, or it has none."""
         aside = self._from_axis(points, bore)[1]
