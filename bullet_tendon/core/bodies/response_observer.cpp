@@ -49,7 +49,7 @@ void Observer::observe(const Numbers& rates, const Numbers& free, const Numbers&
     if (!cut || of.jointed) released_ = hold_.acts && was_released(work_.now);
     end_yielding();
     if (!cut && !released_ && samples_ > 0 && !was_cut() && !of.stops_known) learn(work_.now, gravity, of);
-    note_hold(gravity);
+    note_hold();
     std::swap(previous_, last_);
     std::swap(last_, work_.now);
     samples_ = std::min(2, samples_ + 1);
@@ -203,17 +203,14 @@ void Observer::end_yielding() {
   hold_.limit_known = false;
 }
 
-// Notes what held the body in the last step, and the rates at which it did.
-void Observer::note_hold(const Numbers& gravity) {
+// Notes what held the body in the last step.
+void Observer::note_hold() {
   const double now = hold_.acts ? norm_of_hold(work_.now.forces, work_.now.acceleration) : 0;
   double thrown = 0;
   for (int i = 0; i < n_ && hold_.acts; ++i) thrown = std::max(thrown, dt_ * std::fabs(work_.s[i]));
   hold_.limit_known &= hold_.acts && now <= (1 + kEvidence) * hold_.withstood;
   hold_.withstood = hold_.acts ? std::max(hold_.withstood, now) : 0;
   hold_.firm = hold_.acts && (hold_.firm || thrown >= kCutOff * kMostRate);
-  if (!released_) return;
-  hold_.rates = rates_;
-  for (int i = 0; i < n_; ++i) hold_.rates[i] -= dt_ * gravity[i];
 }
 
 // Whether the last motion is nearer to that of the yielding body than to that of the held one.
@@ -328,12 +325,10 @@ void Observer::limit_share() {
 
 void Observer::trust_last() { unexplained(last_, push_); }
 
-// What released it goes on to restore the rates at which it held.
 void Observer::resume() {
-  const bool restores = std::exchange(hold_.yields, false) && released_;
+  hold_.yields = false;
   take_effective();
-  if (!restores) return find_push();
-  for (int i = 0; i < n_; ++i) push_[i] = (hold_.rates[i] - rates_[i]) / dt_;
+  find_push();
 }
 
 void Observer::find_push() {

@@ -83,7 +83,7 @@ class Observer {
   // Sets the push to that of the last step.
   void trust_last();
   // After the last step was solved again: sets the push to the part that the last two steps have in common. A
-  // body that yielded in it is held again, up to that force, and returns to the rates at which it was held.
+  // body that yielded in it is held again, up to that force.
   void resume();
 
   // If what holds the body is not trusted with these forces of the tendons in a step of dt [s], lets it yield
@@ -127,7 +127,7 @@ class Observer {
   double norm_of_hold(const Numbers& forces, const Numbers& acceleration);
   void let_yield(double share);
   void end_yielding();
-  void note_hold(const Numbers& gravity);
+  void note_hold();
   bool has_yielded();
   void measure(const Numbers& rates, const Numbers& gravity, const Numbers& motors);
   void unexplained(const Sample& by, Numbers& rest);
@@ -149,7 +149,6 @@ class Observer {
     bool firm = false;         // it withstood what would throw the body at the rate that pybullet cuts off
     double withstood = 0;      // largest |L^-1 (a - R w)| since it holds
     Numbers push;              // push without yielding
-    Numbers rates;             // at the start of a step in which it yielded, less gravity's change in it
   };
   struct Workspace {
     Sample now;
