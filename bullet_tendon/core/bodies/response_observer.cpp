@@ -265,12 +265,9 @@ bool Observer::is_surprised(const Numbers& accelerations) {
   return dot(work_.one, work_.one) > kEvidence * kEvidence * known;
 }
 
-// Whether the body moved along the forces by more than predicted. Of one that was let yield at a force that
-// it was only trusted with, little more is evidence: this force was too large, and throws a light body.
+// Whether the body moved along the forces by more than predicted.
 bool Observer::was_released(const Sample& now) {
-  const double beyond = dot(now.forces, missed_),
-               least = hold_.yields && !hold_.limit_known ? kLeastNews : kEvidence;
-  return beyond > least * dot(now.root_forces, now.root_forces);
+  return dot(now.forces, missed_) > kEvidence * dot(now.root_forces, now.root_forces);
 }
 
 void Observer::learn(const Sample& now, const Numbers& gravity, const Circumstances& of) {
