@@ -134,7 +134,6 @@ struct ContactForce {
 
 struct Contact {
   ContactKey key;
-  int came = 0;       // its memory is that of the contact so many segments on, whose point has come to it
   SegmentPoint a, b;  // b.tendon = -1: contact with a link
   int link = -1;
   bool moves = false;     // the link's body is an unknown of the solve
@@ -146,13 +145,6 @@ struct Contact {
   NormalForce normal_force;
   Friction friction;
   ContactForce force;
-
-  // The key under which the last step remembers it.
-  ContactKey former() const {
-    ContactKey last = key;
-    last.feature += came;
-    return last;
-  }
 
   // Whether there is a force. A released contact keeps its friction until its friction limit is updated.
   bool acts() const {

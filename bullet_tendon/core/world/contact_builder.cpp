@@ -132,7 +132,7 @@ bool is_across(const Tangent& surface, Vec3 segment, double radius) {
 // the end of the substep. A body that rolls along a tendon then presses on a segment that it does not touch
 // yet. Without a contact there, the last segment's end would carry it from behind.
 bool will_bulge(const NearCache& cache, const Shape& shape, const Tendon& c, int k, const Pose& end) {
-  if (!cache.entries[c.n() + k].wanted) return false;
+  if (!shape.primitive.is_round() || !cache.entries[c.n() + k].wanted) return false;
   const Vec3 start = to_local(end, c.predicted.at(k)), way = to_local(end, c.predicted.at(k + 1)) - start;
   const Tangent surface = tangent_of(cache, shape, c.n() + k, start);
   if (surface.radius == 0 || !is_across(surface, way, c.radius)) return false;
@@ -387,12 +387,11 @@ double World::distance_from(const Shape& shape, const ContactKey& key, int parti
 
 // Contact with a plane on a link, given where it is foreseen to be at the end of the substep.
 Contact World::plane_contact(SegmentPoint spot, int link_slot, const Tangent& surface, const ContactKey& key,
-                             double friction, int came) {
+                             double friction) {
   const Link& link = scene.links[link_slot];
   const Tendon& c = *step_.slots[spot.tendon];
   Contact contact;
   contact.key = key;
-  contact.came = came;
   contact.a = spot;
   contact.link = link_slot;
   const double apart = distance_to_keep(spot, key), kept = apart + options.contact_threshold;
@@ -538,7 +537,7 @@ const ContactMemory* World::remembered(const ContactKey& key) const {
 }
 
 void World::recall(Contact& contact, double inertia) {
-  const ContactMemory* found = remembered(contact.former());
+  const ContactMemory* found = remembered(contact.key);
   if (!found) return;
   const Rot3 turn = turn_of(contact.link >= 0 ? &scene.links[contact.link] : nullptr);
   const bool carries =
@@ -608,13 +607,11 @@ void World::bone_contacts(int tendon, int s) {
   const Pose end = foreseen_pose(in_world(shape, link), link);
   const Surface* surface = surface_for(c, s);
   const int n = c.n();
-  const bool round = shape.primitive.is_round();
-  auto will = [&](int k) { return round && k >= 0 && k < n - 1 && will_bulge(cache, shape, c, k, end); };
   for (int f = 0; f < static_cast<int>(entries.size()); ++f) {
     const Entry& e = entries[f];
     if (!e.wanted) continue;
     const bool segment = f >= n;
-    if (segment && !bulges(cache, n, f - n, c.radius) && !will(f - n)) continue;
+    if (segment && !bulges(cache, n, f - n, c.radius) && !will_bulge(cache, shape, c, f - n, end)) continue;
     const SegmentPoint spot =
         segment ? SegmentPoint{tendon, f - n, 1 - e.now.u, e.now.u} : particle_of(c, tendon, f);
     const Vec3 ahead = to_local(end, spot.of(c.predicted));
@@ -624,34 +621,16 @@ void World::bone_contacts(int tendon, int s) {
       const Tangent side = in_world({other->point, other->normal}, end);
       ContactKey across = key;
       (last_faced(key, side.normal, beside.normal) ? key : across).end = 1;
-      bone_contact(segment ? SegmentPoint{tendon, f - n, 1 - other->u, other->u} : spot, across, side, 0);
+      bone_contact(segment ? SegmentPoint{tendon, f - n, 1 - other->u, other->u} : spot, across, side);
     }
-    bone_contact(spot, key, beside, segment && round ? came_from(key, f - n, will) : 0);
+    bone_contact(spot, key, beside);
   }
 }
 
-// Where a contact point is predicted to pass from one segment to the next, their contacts exchange what is
-// remembered: the load goes on in the segment that has the point at the end. Returns the segments from this
-// one to the other, or 0.
-template <class WillBulge>
-int World::came_from(const ContactKey& key, int segment, WillBulge will_bulge) const {
-  auto known = [&](int away) {
-    ContactKey other = key;
-    other.feature += away;
-    return remembered(other) != nullptr;
-  };
-  auto passes = [&](int from, int to) {
-    return known(from) && !known(to) && will_bulge(segment + to) && !will_bulge(segment + from);
-  };
-  for (const int away : {-1, 1})
-    if (passes(0, away) || passes(away, 0)) return away;
-  return 0;
-}
-
-void World::bone_contact(const SegmentPoint& spot, const ContactKey& key, const Tangent& surface, int came) {
+void World::bone_contact(const SegmentPoint& spot, const ContactKey& key, const Tangent& surface) {
   const Shape& shape = *scene.shapes[key.other];
   const double friction = scene.links[shape.link].friction_of(shape.friction);
-  Contact contact = plane_contact(spot, shape.link, surface, key, friction, came);
+  Contact contact = plane_contact(spot, shape.link, surface, key, friction);
   contact.normal_force.direct = key.feature < step_.slots[spot.tendon]->n() &&
                                 options.bone_contact == BoneContact::constraint &&
                                 !scene.links[shape.link].yields();
@@ -678,7 +657,7 @@ void World::half_space_contacts(int tendon, int s) {
     if (height > reach_of(c, i, link, options.contact_threshold)) continue;
     const Vec3 foot = to_world(end, to_local(pose, x - height * normal));
     bone_contact(particle_of(c, tendon, i), {ContactKind::bone, tendon, i, s},
-                 {foot, end.rotation * shape.plane_normal}, 0);
+                 {foot, end.rotation * shape.plane_normal});
   }
 }
 

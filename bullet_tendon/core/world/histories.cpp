@@ -37,7 +37,7 @@ template <class Do>
 void World::each_lost_contact(Do what) {
   contacts_.recalled.assign(contacts_.memory.size(), false);
   for (const Contact& contact : contacts_.all)
-    if (const ContactMemory* found = remembered(contact.former()))
+    if (const ContactMemory* found = remembered(contact.key))
       contacts_.recalled[found - contacts_.memory.data()] = true;
   for (size_t k = 0; k < contacts_.memory.size(); ++k)
     if (!contacts_.recalled[k]) what(contacts_.memory[k].key);

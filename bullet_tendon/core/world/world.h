@@ -430,9 +430,7 @@ class World {
   void add_contact(const Contact& contact);
   bool is_contradicted(const Contact& contact) const;
   bool is_beside(const Anchor& anchor, const Contact& contact) const;
-  void bone_contact(const SegmentPoint& spot, const ContactKey& key, const Tangent& surface, int came);
-  template <class WillBulge>
-  int came_from(const ContactKey& key, int segment, WillBulge will_bulge) const;
+  void bone_contact(const SegmentPoint& spot, const ContactKey& key, const Tangent& surface);
   bool last_faced(const ContactKey& key, Vec3 one, Vec3 other) const;
   const ContactMemory* remembered(const ContactKey& key) const;
   double depth_to_leave(const Contact& contact, double most) const;
@@ -507,7 +505,7 @@ class World {
   double distance_to_keep(const SegmentPoint& spot, const ContactKey& key) const;
   double distance_from(const Shape& shape, const ContactKey& key, int particle) const;
   Contact plane_contact(SegmentPoint spot, int link, const Tangent& surface, const ContactKey& key,
-                        double friction, int came);
+                        double friction);
 
   StepState step_;
   Detection detection_;
