@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pybullet as p
 import pytest
+from brute_force import signed_distance, subdivided
 from link_scenes import cube, mesh_obstacle
 
 import bullet_tendon as bt
@@ -207,6 +208,29 @@ def test_a_coarse_tendon_bends_at_a_mouth(drilled, degrees, error):
     felt = pulled_out(world, degrees, -0.17, 0.12, 35, 0.02)
     assert felt == pytest.approx(20.0, rel=error)
     assert felt.mean() == pytest.approx(20.0, rel=0.03)
+
+
+@pytest.mark.parametrize("particles", [9, 11, 15, 24])
+@pytest.mark.parametrize("longer", [0.7, 1.4])
+def test_a_coarse_tendon_lies_around_the_corner_beside_a_mouth(make_world, client, particles, longer):
+    """Segments from before the mouth to beside the box touch its corner, where nothing is drilled away."""
+    world, half, bore = make_world(1 / 240), 3 * RADIUS, 1.5 * RADIUS
+    shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=[half] * 3, physicsClientId=client)
+    box = p.createMultiBody(0, shape, physicsClientId=client)
+    world.add_obstacle(box, friction=0.1)
+    world.add_tunnel(box, -1, (-half, 0, 0), (half, 0, 0), bore, friction=0.1)
+    beside = -half - 1.5 * RADIUS
+    line = [((8 + longer) * RADIUS, 0, 0), (beside, 0, 0), (beside, 0, beside), (4 * half, 0, beside)]
+    material = bt.Material(stiffness=2e4, damping=2.0, friction=1.0)
+    t = world.add_tendon(line, RADIUS, material, particles)
+    t.grip(0)
+    t.grip(-1, target=(6 * half, 0, beside), stiffness=300.0, damping=0.5)
+    for _ in range(240):
+        world.step()
+        assert world.report.converged
+    x = subdivided(t.positions, 30)
+    x = x[np.hypot(x[:, 1], x[:, 2]) > 1.05 * bore]
+    assert signed_distance("box", [2 * half] * 3, x).min() > 0.95 * RADIUS
 
 
 def test_several_tunnels(make_world, client):

@@ -116,11 +116,13 @@ Bored bored_at(const Tendon& tendon, int i, const std::vector<Bore>& bores) {
   return found;
 }
 
-// The same of a segment, by those of its ends.
+// The same of a segment, by those of its ends. One that leads from before a mouth to where bone is can touch
+// that anywhere, such as a corner of the bone.
 Bored bored_between(const Tendon& tendon, int segment, Bored one, Bored other,
                     const std::vector<Bore>& bores) {
   const auto threads = [&](const Bore& bore) { return tendon.threads(segment, bore.tunnel); };
-  return std::any_of(bores.begin(), bores.end(), threads) ? Bored::within : std::max(one, other);
+  const bool within = one == Bored::within || other == Bored::within;
+  return within || std::any_of(bores.begin(), bores.end(), threads) ? Bored::within : std::min(one, other);
 }
 
 // Whether bone pressed on a feature in the last step. It goes on to press before a mouth, until it lets go.
