@@ -69,8 +69,9 @@ class StepReport:
         residual: largest residual force over the largest force at hand [-].
         converged: whether every island reached the tolerance, or its rounding level: a residual above the
             tolerance counts as solved where it is at most one rounding error (machine epsilon times stiffness
-            times coordinate), or eight and no iteration halves it any more. It is always True of methods
-            that do not iterate. ended_by tells which rule it was.
+            times coordinate), or eight and no iteration halves it any more, or where it would move no
+            particle by more than the tolerance times a segment and no iteration reduces it. It is always True
+            of methods that do not iterate. ended_by tells which rule it was.
         worst: name of the tendon and particle with that residual.
         seconds: wall time by room [s].
         counts: pairs of tendon features (particles, segments) and shapes that were considered by their boxes,
@@ -128,8 +129,9 @@ class StepReport:
     def ended_by(self) -> str:
         """Why the step was not solved further.
 
-        "tolerance": it was reached; "rounding": the residual is above it, and is rounding (see converged);
-        "method": it does not iterate; "budget": over_budget; "failure": not converged within the budget.
+        "tolerance": it was reached; "rounding": the residual is above it, and is rounding, or moves nothing
+        (see converged); "method": it does not iterate; "budget": over_budget; "failure": not converged
+        within the budget.
         """
         if not self.converged:
             return "budget" if self.over_budget else "failure"

@@ -529,8 +529,20 @@ void begin_descent(Solution& s) {
   s.start_anew();
 }
 
+// Whether the residual would move no particle, by itself, by more than the tolerance times a segment in this
+// substep. Where almost no forces act, it cannot always become a small share of them.
+bool is_negligible(const Solution& s) {
+  if (s.island.tendons.empty()) return false;
+  double least = HUGE_VAL;
+  for (const Tendon* c : s.island.tendons)
+    least = std::min(least, *std::min_element(c->mass.begin(), c->mass.end()) * c->shortest_rest() /
+                                (c->h_eff * c->h_eff));
+  return s.last_residual <= s.options().tolerance * least && !ran_away(s.island);
+}
+
 // Iterates until the solution ends.
 void iterate(Solution& s) {
+  Island& island = s.island;
   for (const int start = s.iteration;; ++s.iteration) {
     const Assembly a = judge(s);
     if (leads_up(s)) {
@@ -539,9 +551,11 @@ void iterate(Solution& s) {
     }
     const Next next = decide(s, a, start);
     if (next == Next::judge) continue;
-    if (next == Next::stop || !find_step(s, a)) return;
+    if (next == Next::stop || !find_step(s, a)) break;
     take_step(s);
   }
+  if (island.result.converged || island.result.left_predicted_region || s.changed) return;
+  island.result.converged = is_negligible(s);
 }
 
 void end(Solution& s) {
