@@ -9,10 +9,10 @@ import bullet_tendon as bt
 RADIUS, BAR, HALF = 0.002, 0.01, 0.1  # m: of the cord, of the bar; half the cord's length
 
 
-def lay_along(world, client, kind, angle, aside, particles, friction):
+def lay_along(world, client, kind, angle, aside, particles, friction, height=0.15):
     """A cord along the top of a horizontal bar, drawn down at both ends by soft hands."""
     turn = p.getQuaternionFromEuler((0, np.pi / 2, 0))
-    shape = p.createCollisionShape(kind, radius=BAR, height=0.15, physicsClientId=client)
+    shape = p.createCollisionShape(kind, radius=BAR, height=height, physicsClientId=client)
     bar = p.createMultiBody(0, shape, -1, (0, 0, 0), turn, physicsClientId=client)
     world.add_obstacle(bar, friction=friction)
     along, top = HALF * np.array([np.cos(angle), np.sin(angle), 0]), np.array([0, aside, BAR + RADIUS])
@@ -37,3 +37,21 @@ def test_steps_are_few_solutions(make_world, client, kind, angle, aside, particl
     assert sum(solutions) < 2000 and max(solutions) < 60
     over = np.abs(t.positions[:, 0]) < 0.07
     assert np.hypot(*t.positions[over, 1:].T).min() > BAR + 0.99 * RADIUS
+
+
+@pytest.mark.parametrize("kind", [p.GEOM_CYLINDER, p.GEOM_CAPSULE])
+@pytest.mark.parametrize("angle", [3e-3, 1e-2, 3e-2])
+@pytest.mark.parametrize(
+    ("particles", "height", "friction"), [(2, 0.01, 0.0), (2, 0.03, 0.5), (3, 0.03, 0.5)]
+)
+def test_segments_longer_than_the_bar(make_world, client, kind, angle, particles, height, friction):
+    # The whole segment would turn around a longer bar, but the part over this one lies along it.
+    world = make_world(1 / 240, (0, 0, -9.81))
+    t = lay_along(world, client, kind, angle, 0, particles, friction, height)
+    for _ in range(120):
+        world.step()
+        assert world.report.converged
+        assert world.report.counts["linear_solves"] < 20
+    first, last = t.positions[[0, -1]]
+    middle = first + (last - first) / 2 if particles == 2 else t.positions[1]
+    assert np.hypot(*middle[1:]) > BAR + 0.99 * RADIUS

@@ -400,9 +400,10 @@ Tangent tangent_of(const NearCache& cache, const Shape& shape, int feature, Vec3
     if (found.distance > 0) return {found.point, (1 / found.distance) * (ahead - found.point)};
   }
   if (feature >= n && shape.primitive.is_round()) {
-    const Vec3 along = unit_or(without(cache.local[feature - n + 1] - cache.local[feature - n], normal), {});
+    const Vec3 a = cache.local[feature - n], b = cache.local[feature - n + 1];
+    const Vec3 along = unit_or(without(b - a, normal), {});
     const double round = shape.primitive.curvature(point, normal, along);
-    if (round > 0) return {point, normal, along, 1 / round};
+    if (round > 0) return {point, normal, along, 1 / round, shape.primitive.beside_straight(point, a, b)};
   }
   double curvature = 0, nearest = spacing;
   Vec3 along;

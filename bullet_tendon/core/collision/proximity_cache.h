@@ -125,6 +125,7 @@ struct Tangent {
   Vec3 point, normal;  // [m], [-]
   Vec3 along;          // unit vector in which it is round
   double radius = 0;   // of its curvature [m]; 0: a plane
+  double share = 1;    // of the segment that is beside the round surface [-]
 };
 
 // The surface at the predicted position `ahead` of a feature (shape frame). A segment over a round primitive

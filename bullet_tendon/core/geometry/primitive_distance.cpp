@@ -118,6 +118,21 @@ double Primitive::curvature(Vec3 point, Vec3 normal, Vec3 along) const {
   return (all - (flat_x ? x : 0) - (flat_y ? y : 0) - (flat_z ? z : 0)) / growth;
 }
 
+double Primitive::beside_straight(Vec3 point, Vec3 a, Vec3 b) const {
+  const Vec3 most = kind == Kind::cylinder ? Vec3{0, 0, half_length} : half;
+  double from = 0, to = 1;
+  auto clip = [&](double at, double half, double start, double way) {
+    if (std::fabs(at) >= half || way == 0) return;
+    const double low = (-half - start) / way, high = (half - start) / way;
+    from = std::max(from, std::min(low, high));
+    to = std::min(to, std::max(low, high));
+  };
+  clip(point.x, most.x, a.x, b.x - a.x);
+  clip(point.y, most.y, a.y, b.y - a.y);
+  clip(point.z, most.z, a.z, b.z - a.z);
+  return std::max(to - from, 0.0);
+}
+
 int Primitive::face_over(Vec3 from, Vec3 to, double beside) const {
   if (!is_flat()) return 0;
   const double start[] = {from.x, from.y, from.z}, end[] = {to.x, to.y, to.z};

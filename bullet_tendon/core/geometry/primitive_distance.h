@@ -26,6 +26,9 @@ struct Primitive {
   // Curvature of the surface at a point of it, where its normal is `normal`, along a tangential unit vector
   // [1/m].
   double curvature(Vec3 point, Vec3 normal, Vec3 along) const;
+  // Share of the segment a-b over the extent in which the surface is straight at a point of it, such as
+  // the length of a cylinder's side; 1: it is straight in no direction there.
+  double beside_straight(Vec3 point, Vec3 a, Vec3 b) const;
   // The face of a box before which a point begins, and over which it stays until `to`, also if it ends up to
   // `beside` from there [m]; `to` may be behind it: 1 to 3 by axis, negative on the low side; 0: none.
   int face_over(Vec3 from, Vec3 to, double beside) const;

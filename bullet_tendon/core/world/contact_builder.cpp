@@ -122,9 +122,9 @@ bool bulges(const NearCache& cache, int n, int k, double radius) {
   return true;
 }
 
-// Whether a segment turns around a round surface, else lies along it.
+// Whether the part of a segment that is beside a round surface turns around it, else lies along it.
 bool is_across(const Tangent& surface, Vec3 segment, double radius) {
-  const Vec3 across = without(segment, cross(surface.normal, surface.along));
+  const Vec3 across = surface.share * without(segment, cross(surface.normal, surface.along));
   return dot(across, across) > 8 * kAcross * radius * surface.radius;
 }
 
@@ -175,7 +175,7 @@ Tendon& farther_of(Tendon& a, Tendon& b) { return most_motion(b) > most_motion(a
 
 Tangent in_world(const Tangent& surface, const Pose& pose) {
   return {to_world(pose, surface.point), pose.rotation * surface.normal, pose.rotation * surface.along,
-          surface.radius};
+          surface.radius, surface.share};
 }
 
 // Where a frame that is fixed to a link is foreseen to be at the end of the substep.
