@@ -45,7 +45,7 @@ def test_steps_are_few_solutions(make_world, client, kind, angle, aside, particl
     ("particles", "height", "friction"), [(2, 0.01, 0.0), (2, 0.03, 0.5), (3, 0.03, 0.5)]
 )
 def test_segments_longer_than_the_bar(make_world, client, kind, angle, particles, height, friction):
-    # The whole segment would turn around a longer bar, but the part over this one lies along it.
+    """All of the segment would turn around a longer bar, but the part over this one lies along it."""
     world = make_world(1 / 240, (0, 0, -9.81))
     t = lay_along(world, client, kind, angle, 0, particles, friction, height)
     for _ in range(120):

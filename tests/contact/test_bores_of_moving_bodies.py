@@ -186,19 +186,24 @@ def test_a_bead_within_one_segment_stays_on_its_cord(make_world, client, kind):
     assert segment_segments(at, at, t.positions[:-1], t.positions[1:]).min() < 0.0025
 
 
-def on_one_segment(make_world, client):
-    """A bead 2 mm long on the middle segment of a cord, which is 11 mm long; its tunnel and the cord."""
-    world, half = make_world(1 / 240), 1e-3
-    shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=[half, 4 * half, 4 * half], physicsClientId=client)
+def held_on_a_cord(make_world, client, half, bore, reach, radius, particles):
+    """A bead that does not yield, of these half edges, on the middle of a cord; its tunnel and the cord."""
+    world = make_world(1 / 240)
+    shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=half, physicsClientId=client)
     bead = p.createMultiBody(0, shape, physicsClientId=client)
     world.add_obstacle(bead)
-    tunnel = world.add_tunnel(bead, -1, (-half, 0, 0), (half, 0, 0), radius=1e-3)
+    tunnel = world.add_tunnel(bead, -1, (-half[0], 0, 0), (half[0], 0, 0), bore)
     cord = bt.Material(stiffness=100.0, damping=1.0, density=1100.0)
-    t = world.add_tendon([(-0.05, 0, 0), (0.05, 0, 0)], 5e-4, cord, 10, rest_length=0.099)
+    line = [(-reach, 0, 0), (reach, 0, 0)]
+    t = world.add_tendon(line, radius, cord, particles, rest_length=1.98 * reach)
     t.grip(0), t.grip(-1)
-    for _ in range(5):
-        world.step()
+    world.step(5)
     return world, tunnel, t
+
+
+def on_one_segment(make_world, client):
+    """A bead 2 mm long on the middle segment of a cord, which is 11 mm long."""
+    return held_on_a_cord(make_world, client, (1e-3, 4e-3, 4e-3), 1e-3, 0.05, 5e-4, 10)
 
 
 def tilt_bead(world, tunnel, client, angle):
@@ -243,15 +248,8 @@ def test_a_snapshot_holds_which_segments_run_through_bores(make_world, client):
 @pytest.mark.parametrize("angle", [0.7, 1.0, 1.3])
 def test_what_a_bead_turned_out_of_its_wall_is_drawn_back(make_world, client, angle):
     """A particle that the turn leaves beside the bead, next to one in its bore, passed no mouth."""
-    world, half = make_world(1 / 240), (3e-3, 2.6e-3, 2.6e-3)
-    shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=half, physicsClientId=client)
-    bead = p.createMultiBody(0, shape, physicsClientId=client)
-    world.add_obstacle(bead)
-    tunnel = world.add_tunnel(bead, -1, (-half[0], 0, 0), (half[0], 0, 0), radius=1.9e-3)
-    cord = bt.Material(stiffness=100.0, damping=1.0, density=1100.0)
-    t = world.add_tendon([(-0.0228, 0, 0), (0.0228, 0, 0)], 1e-3, cord, 20, rest_length=0.045)
-    t.grip(0), t.grip(-1)
-    world.step(5)
+    half = (3e-3, 2.6e-3, 2.6e-3)
+    world, tunnel, t = held_on_a_cord(make_world, client, half, 1.9e-3, 0.0228, 1e-3, 20)
     tilt_bead(world, tunnel, client, angle)
     assert world.report.converged
     assert off_centres(tunnel, t) == pytest.approx([tunnel.radius - t.radius] * 2, rel=0.4)

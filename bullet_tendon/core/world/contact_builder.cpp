@@ -773,20 +773,19 @@ void World::enter(Tendon& c, int tunnel) {
   auto is_within = [&](int i) {
     return c.tunnel_of[i] == tunnel || (c.tunnel_of[i] < 0 && bore.contains(c.x.at(i), 0));
   };
+  auto follows = [&](int i) {
+    return c.tunnel_of[i] == tunnel || (c.tunnel_of[i] < 0 && bore.beyond(c.x.at(i)) <= 0);
+  };
   for (int i = 0; i < c.n(); ++i) {
     if (!is_within(i)) continue;
-    const int first = i;
+    int first = i;
     bool any = c.tunnel_of[i] == tunnel;
     for (; i + 1 < c.n() && is_within(i + 1); ++i) any |= c.tunnel_of[i + 1] == tunnel;
-    if (any || came_through_mouth(c, bore, first, i))
-      std::fill(c.tunnel_of.begin() + first, c.tunnel_of.begin() + i + 1, tunnel);
+    if (!any && !came_through_mouth(c, bore, first, i)) continue;
+    while (first > 0 && follows(first - 1)) --first;
+    while (i + 1 < c.n() && follows(i + 1)) ++i;
+    std::fill(c.tunnel_of.begin() + first, c.tunnel_of.begin() + i + 1, tunnel);
   }
-  auto follow = [&](int i, int next) {
-    if (c.tunnel_of[i] == tunnel && c.tunnel_of[next] < 0 && bore.beyond(c.x.at(next)) <= 0)
-      c.tunnel_of[next] = tunnel;
-  };
-  for (int i = 0; i + 1 < c.n(); ++i) follow(i, i + 1);
-  for (int i = c.n() - 1; i > 0; --i) follow(i, i - 1);
 }
 
 // A tunnel is skipped if the tendon is farther from the bore's box than both can move in the substep plus the
