@@ -51,6 +51,22 @@ constexpr double kNoBulge = 1e-5;
 // anywhere on it, by rounding, and contacts do not converge. Larger: small wheels feel chords.
 constexpr double kAcross = 2e-3;
 
+// Sine of the angle between a segment and a surface up to which it lies along it [-]. Larger: what hangs over
+// an edge is measured from the face. Smaller: a body tips over one end of a long segment within a step.
+constexpr double kAlong = 0.1;
+
+// Change of that sine which is an edge [-]. Larger: the ends of a capsule count as its side. Smaller:
+// rounding does.
+constexpr double kEdge = 0.01;
+
+// Length of the part of a segment that lies along a surface, over the radius, up to which it counts as a
+// point
+// [-]. Smaller: where a segment turns around a wheel, the surface hardly bends over so short a part.
+constexpr double kShortest = 3;
+
+// Bisections by which the end of the part of a segment that lies along a surface is found.
+constexpr int kBisections = 12;
+
 // Largest bend of a segment, over that with which all of it is equally near to the edge of a mouth, so that
 // it has no nearest point [-]. Smaller: a coarse tendon is felt to turn at its particles.
 constexpr double kBend = 0.5;
@@ -126,6 +142,77 @@ bool bulges(const NearCache& cache, int n, int k, double radius) {
 bool is_across(const Tangent& surface, Vec3 segment, double radius) {
   const Vec3 across = surface.share * without(segment, cross(surface.normal, surface.along));
   return dot(across, across) > 8 * kAcross * radius * surface.radius;
+}
+
+// A segment where it is predicted at the end of the substep, over a surface (shape frame). near: the
+// triangles of a mesh.
+struct SegmentOver {
+  const Shape& shape;
+  const Surface* surface;
+  const Entry& near;
+  Vec3 a, b, along;
+
+  Vec3 at(double u) const { return (1 - u) * a + u * b; }
+  double lean(Vec3 normal) const { return dot(normal, along); }
+  double height(const Plane& plane) const { return norm(without(at(plane.u) - plane.point, along)); }
+
+  // The plane at the point of the surface that is nearest to the one at u.
+  Plane below(double u) const {
+    const Vec3 x = at(u);
+    const Vec3 foot =
+        shape.primitive ? shape.primitive.nearest(x, x).point : surface->nearest(near.nearby, x, x).point;
+    return {foot, unit_or(x - foot, near.now.normal), u};
+  }
+
+  // How far from u towards one of its ends the surface leans to it by as much, and no more than `most` more.
+  double end_towards(double end, double u, double leans, double most) const {
+    auto goes_on = [&](double at) { return std::fabs(lean(below(at).normal) - leans) < most; };
+    if (goes_on(end)) return end;
+    for (int i = 0; i < kBisections; ++i) {
+      const double between = 0.5 * (u + end);
+      (goes_on(between) ? u : end) = between;
+    }
+    return u;
+  }
+
+  // The planes at the ends of the part that lies along the surface. The nearest point can be at an edge.
+  std::pair<Plane, Plane> ends() const {
+    const double u = near.now.u;
+    const double middle = 0.5 * (end_towards(0, u, 0, kAlong) + end_towards(1, u, 0, kAlong));
+    const double leans = lean(below(middle).normal);
+    if (std::fabs(leans) >= kAlong) return {};
+    return {below(end_towards(0, middle, leans, kEdge)), below(end_towards(1, middle, leans, kEdge))};
+  }
+};
+
+// The planes of a surface at the ends of the part of segment k that lies along it, where these are inside the
+// segment. `surface` is that of a mesh. A body that is shorter than two segments would tip over the nearest
+// point alone within a step. Where two particles lie on it, they hold it.
+std::vector<Plane> ends_along(NearCache& cache, const Shape& shape, const Surface* surface, const Tendon& c,
+                              int k, const Pose& end) {
+  Entry& e = cache.entries[c.n() + k];
+  if (e.inside || !(shape.primitive || surface)) return {};
+  const Vec3 a = to_local(end, c.predicted.at(k)), b = to_local(end, c.predicted.at(k + 1));
+  const SegmentOver over{shape, surface, e, a, b, unit_or(b - a, {})};
+  auto holds = [&](int i) {
+    return i >= 0 && i < c.n() && cache.entries[i].wanted &&
+           std::fabs(over.lean(cache.entries[i].now.normal)) < kAlong;
+  };
+  const bool first = holds(k), last = holds(k + 1);
+  if ((first && (last || holds(k - 1))) || (last && holds(k + 2))) return {};
+  if (!shape.primitive) list_within_reach(e, cache.local[k], cache.local[k + 1], *surface);
+  const auto [from, to] = over.ends();
+  const double bulge = std::min(over.height(from), over.height(to)) - over.height(over.below(e.now.u));
+  if ((to.u - from.u) * norm(b - a) <= kShortest * c.radius || bulge > kAcross * c.radius) return {};
+  std::vector<Plane> inside;
+  for (Plane plane : {from, to}) {
+    if (plane.u == 0 || plane.u == 1) continue;
+    // Perpendicular to the segment: what slides along it over an edge is not held back.
+    const double side = dot(plane.normal, e.now.normal) < 0 ? -1 : 1;
+    plane.normal = side * unit_or(without(plane.normal, over.along), e.now.normal);
+    inside.push_back(plane);
+  }
+  return inside;
 }
 
 // Whether the point of segment k that is nearest to a round surface is predicted to be inside the segment at
@@ -611,6 +698,13 @@ void World::bone_contacts(int tendon, int s) {
     const Entry& e = entries[f];
     if (!e.wanted) continue;
     const bool segment = f >= n;
+    const std::vector<Plane> ends =
+        segment && link.yields() ? ends_along(cache, shape, surface, c, f - n, end) : std::vector<Plane>{};
+    for (const Plane& plane : ends)
+      bone_contact({tendon, f - n, 1 - plane.u, plane.u},
+                   {ContactKind::bone, tendon, f, s, 0, plane.u < e.now.u ? 0 : 1},
+                   in_world({plane.point, plane.normal}, end));
+    if (!ends.empty()) continue;
     if (segment && !bulges(cache, n, f - n, c.radius) && !will_bulge(cache, shape, c, f - n, end)) continue;
     const SegmentPoint spot =
         segment ? SegmentPoint{tendon, f - n, 1 - e.now.u, e.now.u} : particle_of(c, tendon, f);
