@@ -188,7 +188,7 @@ void Contact::settle(Vec3 relative) {
                                                   : z;
 }
 
-void Contact::predict(Vec3 moved) {
+void Contact::predict(Vec3 moved, bool keeps_limit) {
   normal_force.lambda_predicted = std::max(0.0, force_after(moved));
   if (friction.coefficient <= 0) return;
   if (friction.limit > 0) {
@@ -196,7 +196,7 @@ void Contact::predict(Vec3 moved) {
     friction.sliding = friction.stiffness * norm(next) > friction.limit &&
                        !(friction.sliding && dot(next, friction.raw) < 0);
   }
-  if (!acts()) return;
+  if (!acts() || keeps_limit) return;
   const bool had_limit = friction.limit > 0;
   limit_friction(normal_force.direct ? normal_force.value : normal_force.lambda_predicted);
   if (!had_limit) friction.sliding = friction.stiffness * norm(friction.raw) > friction.limit;

@@ -201,8 +201,8 @@ struct Contact {
   // therefore values of the present positions would change by large amounts between iterations. A sticking
   // contact starts to slide when its friction would exceed the limit. A sliding contact sticks when it would
   // reverse. A contact without a limit has slid freely. It stays sliding while its friction would exceed mu
-  // N, because sticking would pull it back over the whole distance.
-  void predict(Vec3 moved);
+  // N, because sticking would pull it back over the whole distance. keeps_limit: the friction limit stays.
+  void predict(Vec3 moved, bool keeps_limit);
   // The same for a pair of segments with the ends x [m] (contact/segment_pair.cpp). begin_pair keeps what the
   // segments' vectors at the start of the step [m] say about which side is which.
   void begin_pair(Vec3 along, Vec3 other);

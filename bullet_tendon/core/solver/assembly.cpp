@@ -90,8 +90,9 @@ Assembly residual_of(Island& island, bool definite, bool at_position) {
   return a;
 }
 
-void predict_contacts(Island& island) {
-  for (Contact* contact : island.contacts) contact->predict(relative_position(island, *contact, &Tendon::dx));
+void predict_contacts(Island& island, bool keeps_limits) {
+  for (Contact* contact : island.contacts)
+    contact->predict(relative_position(island, *contact, &Tendon::dx), keeps_limits);
 }
 
 void predict_anchors(Island& island) {
@@ -185,7 +186,8 @@ void measure_residual(Island& island, Assembly& a) {
   a.of_bodies = body_residual(island);
   for (const Contact* contact : island.contacts)
     if (contact->acts()) a.of_limits = worse(a.of_limits, std::fabs(contact->limit_error()));
-  a.residual = worse(a.residual, worse(a.of_bodies, a.of_limits));
+  a.of_forces = worse(a.residual, a.of_bodies);
+  a.residual = worse(a.of_forces, a.of_limits);
 }
 
 double in_roundings(Island& island, const Assembly& a, bool at_guess) {

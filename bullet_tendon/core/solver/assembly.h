@@ -14,6 +14,7 @@ struct Assembly {
   double scale = 0;      // largest force of a spring, an anchor, a contact or inertia [N]
   double residual = 0;   // largest residual force [N]
   double of_bodies = 0;  // largest residual force of bodies [N]
+  double of_forces = 0;  // largest residual force of particles and bodies [N]
   double of_limits = 0;  // largest difference between a friction limit and mu N [N]
 };
 
@@ -28,8 +29,9 @@ bool update_direct(Island& island, Contact& contact);
 Assembly residual_of(Island& island, bool definite, bool at_position = false);
 // Removes the constraint forces from the residual and computes its norms.
 void measure_residual(Island& island, Assembly& a);
-// Predicts the multipliers and friction limits of the contacts from tendon.dx, before the step is taken.
-void predict_contacts(Island& island);
+// Predicts the multipliers of the contacts from tendon.dx, before the step is taken, and their friction
+// limits, unless it keeps them.
+void predict_contacts(Island& island, bool keeps_limits);
 // Predicts from tendon.dx which anchors are at the limit of their force.
 void predict_anchors(Island& island);
 // Updates the multipliers of the springs to the forces that the linearisation predicts for tendon.dx.

@@ -7,6 +7,10 @@
 // are softened: next to stiff contacts a taut tendon lies still, so that each iteration would release no more
 // than the last of them, and a tendon of more particles would take more iterations.
 //
+// Friction limits that follow the normal forces have no potential: a contact that closes gets a limit, its
+// friction opens it, which takes the limit away, and iterations go round in a cycle. Where the residual does
+// not fall, far from the solution, the limits are kept until the forces are nearly balanced at them.
+//
 // A solution whose residual does not fall goes on as a descent, from where the incremental potential is small
 // (begin_descent): plain Newton steps, linearised at the present positions with their true forces. The blocks
 // of springs and contacts are positive semidefinite in this linearisation, so that the matrix is positive
@@ -55,6 +59,10 @@ constexpr double kLocked = 10;
 // most of their iterations belong to solutions that are abandoned.
 constexpr int kPatience = 10;
 
+// Iterations without a new smallest residual after which friction limits are kept until the forces are nearly
+// balanced [-]. Fewer: loads that slide take more iterations. More: iterations are spent on a cycle.
+constexpr int kCycle = 4;
+
 // Residual, relative to that from which a mixed step of a descent led far away, below which the next one is
 // tried [-]. Larger: mixed steps and descent alternate. Smaller: the descent, which converges more slowly,
 // goes on for longer.
@@ -96,8 +104,9 @@ struct Solution {
   bool searches = false;  // the last step was along a descent direction
   bool far = true;        // the relative residual is larger than kNear
   bool turns = false;     // `far` was true in some iteration, so that segments turn
-  bool changed = false;   // a direct contact became active or inactive in this iteration
-  bool disturbed = false;  // a saddle was left
+  bool keeps_limits = false;  // friction limits stay in this iteration
+  bool changed = false;       // a direct contact became active or inactive in this iteration
+  bool disturbed = false;     // a saddle was left
   int iteration = 0;
   int stiffened = 0;          // number of times that contacts were stiffened
   bool stepped = true;        // a step was taken since then
@@ -257,6 +266,7 @@ Assembly judge(Solution& s) {
   note_distance(s, a);
   if (s.iteration == 0) s.first = a.residual;
   note_progress(s, a.residual);
+  s.keeps_limits = s.idle >= kCycle && a.of_forces > kNear * a.scale;
   note_contacts(s);
   return a;
 }
@@ -490,7 +500,7 @@ void take_step(Solution& s) {
   }
   if (s.descends) s.last_potential = potential(island);
   carry_springs(island);
-  predict_contacts(island);
+  predict_contacts(island, s.keeps_limits);
   predict_anchors(island);
   advance_along_arc(island, 0, 1);
   // Contacts are stiff across the tendon. With contacts, the positions of particles matter more than the
