@@ -55,3 +55,64 @@ def test_segments_longer_than_the_bar(make_world, client, kind, angle, particles
     first, last = t.positions[[0, -1]]
     middle = first + (last - first) / 2 if particles == 2 else t.positions[1]
     assert np.hypot(*middle[1:]) > BAR + 0.99 * RADIUS
+
+
+def rest_on_two_cords(world, client, particles, mass, yaw, friction=1.0, gap=0.006):
+    """A cylinder on two taut parallel cords, `gap` on both sides of its axis, which it crosses obliquely."""
+    material = bt.Material(stiffness=1e4, damping=5.0, friction=1.0)
+    cords = [
+        world.add_tendon([(-HALF, y, 0), (HALF, y, 0)], RADIUS, material, particles) for y in (-gap, gap)
+    ]
+    holds = [t.grip(end) for t in cords for end in (0, -1)]
+    shape = p.createCollisionShape(p.GEOM_CYLINDER, radius=BAR, height=0.06, physicsClientId=client)
+    turn = p.getQuaternionFromEuler((0, np.pi / 2, yaw))
+    place = (0, 0, np.sqrt((BAR + RADIUS) ** 2 - gap**2) + 1e-5)
+    body = p.createMultiBody(mass, shape, -1, place, turn, physicsClientId=client)
+    p.changeDynamics(body, -1, linearDamping=0, angularDamping=0, physicsClientId=client)
+    world.add_obstacle(body, friction=friction)
+    return body, cords, holds
+
+
+@pytest.mark.parametrize(
+    ("particles", "mass", "yaw"), [(5, 0.05, 0.1), (9, 0.05, 0.1), (17, 0.005, 0.1), (17, 0.05, 0.05)]
+)
+def test_a_cylinder_that_rests_obliquely(make_world, client, particles, mass, yaw):
+    """The body turns as its contacts do, so that a step of what does not move is few solutions."""
+    world = make_world(1 / 60, (0, 0, -9.81))
+    body, cords, holds = rest_on_two_cords(world, client, particles, mass, yaw)
+    solutions = []
+    for _ in range(120):
+        world.step()
+        assert world.report.converged
+        solutions.append(world.report.counts["linear_solves"])
+    assert sum(solutions[-30:]) < 240
+    assert np.linalg.norm(p.getBaseVelocity(body, physicsClientId=client)[1]) < 1e-3
+    weight = 9.81 * (mass + sum(t.masses.sum() for t in cords))
+    assert sum(hold.force[2] for hold in holds) == pytest.approx(-weight, rel=1e-3)
+
+
+@pytest.mark.parametrize("yaw", [-0.1, -0.03, 0.1])
+@pytest.mark.parametrize("integrator", ["implicit_euler", "bdf2"])
+def test_a_smooth_wheel_on_an_oblique_hinge(make_world, client, yaw, integrator):
+    """Forces pass through its axis: what rounding leaves of their arms is no residual."""
+    wheel = 0.02
+    world = make_world(1 / 240, (0, 0, -9.81), integrator=integrator)
+    shape = p.createCollisionShape(p.GEOM_CYLINDER, radius=wheel, height=0.05, physicsClientId=client)
+    turn = p.getQuaternionFromEuler((np.pi / 2, 0, yaw))
+    hinge = {"linkMasses": [0.05], "linkCollisionShapeIndices": [shape], "linkVisualShapeIndices": [-1]}
+    hinge |= {"linkPositions": [(0, 0, 0)], "linkOrientations": [(0, 0, 0, 1)], "linkParentIndices": [0]}
+    hinge |= {"linkInertialFramePositions": [(0, 0, 0)], "linkInertialFrameOrientations": [(0, 0, 0, 1)]}
+    hinge |= {"linkJointTypes": [p.JOINT_REVOLUTE], "linkJointAxis": [(0, 0, 1)]}
+    body = p.createMultiBody(0, -1, -1, (0, 0, 0), turn, **hinge, physicsClientId=client)
+    p.setJointMotorControl2(body, 0, p.VELOCITY_CONTROL, force=0, physicsClientId=client)
+    world.add_obstacle(body, friction=0.0)
+    arc = (wheel + RADIUS + 1e-6) * np.array([(-np.cos(a), 0, np.sin(a)) for a in np.linspace(0, np.pi, 200)])
+    ends = [arc[k] - (0, 0, 0.14) for k in (0, -1)]
+    t = world.add_tendon([ends[0], *arc, ends[1]], RADIUS, bt.Material(stiffness=1e4, damping=1.0), 30)
+    t.set_point_mass(0, 0.05)
+    t.set_point_mass(-1, 0.05 + 5e-6)
+    for _ in range(120):
+        world.step()
+        assert world.report.converged
+        assert world.report.counts["linear_solves"] < 400
+    assert abs(p.getJointState(body, 0, physicsClientId=client)[1]) < 1e-6

@@ -21,7 +21,8 @@ def test_curvature_is_that_of_the_distance(kind):
         normal = (outside - point) / distance
         along = np.cross(normal, rng.normal(size=3))
         along /= np.linalg.norm(along)
-        found = shape.curvature(point, normal, along)
+        radius, axis = shape.round_at(point, normal)
+        found = (1 - np.dot(axis, along) ** 2) / radius if radius > 0 else 0.0
         beside = [shape(point + s * along, (0, 0, 0))[0] for s in (-STEP, STEP)]
         if min(beside) < -1e-9 or abs(beside[0] - beside[1]) > 1e-3 * max(max(beside), 1e-10):
             continue  # beside an edge

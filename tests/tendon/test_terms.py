@@ -14,7 +14,7 @@ from bullet_tendon import _core
 RANDOM = settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 SEEDS = st.integers(0, 2**32 - 1)
 BONE, BORE, MOUTH = 0, 1, 2
-ROUND = -1  # a bone whose surface is round
+ROUND, BALL = -1, -2  # bones whose surface is a cylinder, and a sphere
 EXACT = 1e-6  # relative
 REST, STIFFNESS = 0.02, 300.0
 LAWS = {
@@ -204,8 +204,9 @@ def contact(random, kind, radius=0.005, offset=0.001, steep=0.0):
         over = np.cross(inwards, around) / np.linalg.norm(around)
         x = edge + (offset - depth) * (math.cos(angle) * inwards + math.sin(angle) * over)
     stiffness, multiplier = 1e4, 3.0
-    if kind == ROUND:
-        kind, x = BONE, place + out * (radius - depth) + axis * 0.02
+    if kind in (ROUND, BALL):
+        x = place + out * (radius - depth) + (axis * 0.02 if kind == ROUND else 0.0)
+        kind, axis = BONE, axis if kind == ROUND else np.zeros(3)
     elif kind == BONE:
         radius = 0.0
     surface, smooth = (normal, offset, place, axis, radius, slope), (0.0, 0.0, np.zeros(3))
@@ -217,7 +218,8 @@ def contact(random, kind, radius=0.005, offset=0.001, steep=0.0):
 
 
 @pytest.mark.parametrize(
-    ("kind", "steep"), [(BONE, 0.0), (ROUND, 0.0), (BORE, 0.0), (MOUTH, 0.0), (MOUTH, 0.7), (MOUTH, 2.0)]
+    ("kind", "steep"),
+    [(BONE, 0.0), (ROUND, 0.0), (BALL, 0.0), (BORE, 0.0), (MOUTH, 0.0), (MOUTH, 0.7), (MOUTH, 2.0)],
 )
 @RANDOM
 @given(seed=SEEDS)
@@ -237,6 +239,8 @@ def test_contacts(kind, steep, seed):
     if kind == ROUND:
         around = np.cross(normal, rim[1])
         hessian -= min(0.0, around @ hessian @ around) * np.outer(around, around)
+    elif kind == BALL:
+        hessian = (normal @ hessian @ normal) * np.outer(normal, normal)
     elif kind == MOUTH:
         tangent = tangent_beside(x, *rim)
         along = np.cross(tangent, normal)
@@ -332,15 +336,17 @@ def test_a_segment_that_passes_outside_a_mouth_is_deep():
         assert gap_through_mouth(start, end, 0.0) == pytest.approx(gap, abs=1e-9)
 
 
+@pytest.mark.parametrize("kind", [ROUND, BALL])
 @RANDOM
 @given(seed=SEEDS)
-def test_chords_of_a_round_bone(seed):
+def test_chords_of_a_round_bone(kind, seed):
     """A segment over a round bone: its nearest point goes with it, and presses along the radius."""
     random = np.random.default_rng(seed)
-    _, x, stiffness, multiplier, rim = contact(random, ROUND)
+    _, x, stiffness, multiplier, rim = contact(random, kind)
     place, axis = rim[:2]
     out = (x - place) - axis * (axis @ (x - place))
-    along = np.cross(axis, out / np.linalg.norm(out)) + random.uniform(-0.5, 0.5) * axis
+    around = np.cross(axis if kind == ROUND else unit(random), out / np.linalg.norm(out))
+    along = around + random.uniform(-0.5, 0.5) * axis
     ends = np.concatenate([x - random.uniform(1e-3, 4e-3) * along, x + random.uniform(1e-3, 4e-3) * along])
 
     agree_on_a_segment(BONE, ends, 0.0, rim, stiffness, multiplier)

@@ -111,7 +111,10 @@ void bind_collision(py::module_& m, GuardedWorld& world) {
       .def(py::init(&primitive_of))
       .def_property_readonly("corner", &corner_of)
       .def("__call__", &measured_along)
-      .def("curvature", &Primitive::curvature);
+      .def("round_at", [](const Primitive& shape, Vec3 point, Vec3 normal) {
+        const Primitive::Round round = shape.round_at(point, normal);
+        return py::make_tuple(round.radius, round.axis);
+      });
   world.def("add_shape", &add_shape)
       .def("remove_shape", &World::remove_shape)
       .def("add_tunnel", [](World& w, int link, Vec3 start, Vec3 end, double radius, double chamfer,

@@ -401,9 +401,9 @@ Tangent tangent_of(const NearCache& cache, const Shape& shape, int feature, Vec3
   }
   if (feature >= n && shape.primitive.is_round()) {
     const Vec3 a = cache.local[feature - n], b = cache.local[feature - n + 1];
-    const Vec3 along = unit_or(without(b - a, normal), {});
-    const double round = shape.primitive.curvature(point, normal, along);
-    if (round > 0) return {point, normal, along, 1 / round, shape.primitive.beside_straight(point, a, b)};
+    const Primitive::Round round = shape.primitive.round_at(point, normal);
+    if (round.radius > 0)
+      return {point, normal, round.axis, round.radius, shape.primitive.beside_straight(point, a, b)};
   }
   double curvature = 0, nearest = spacing;
   Vec3 along;

@@ -123,8 +123,8 @@ double motion_limit_of(const NearCache& cache, const Shape& shape, const Tendon&
 // A surface beside a feature: a plane, or round (shape frame).
 struct Tangent {
   Vec3 point, normal;  // [m], [-]
-  Vec3 along;          // unit vector in which it is round
-  double radius = 0;   // of its curvature [m]; 0: a plane
+  Vec3 axis;           // of a cylinder, a unit vector; zero: of a sphere
+  double radius = 0;   // of these [m]; 0: a plane
   double share = 1;    // of the segment that is beside the round surface [-]
 };
 

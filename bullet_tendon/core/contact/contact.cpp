@@ -39,10 +39,10 @@ void Contact::curved_gap(Vec3 x, double& curvature, Vec3& around, double& across
   if (key.kind == ContactKind::mouth)
     mouth_gap(x, curvature, around, across_edge);
   else
-    cylinder_gap(x, curvature, around);
+    round_gap(x, curvature, around, across_edge);
 }
 
-void Contact::cylinder_gap(Vec3 x, double& curvature, Vec3& around) {
+void Contact::round_gap(Vec3 x, double& curvature, Vec3& around, double& across_edge) {
   const double sign = key.kind == ContactKind::bore ? -1 : 1;  // from within
   const Vec3 radial = without(x - geometry.rim.centre, geometry.rim.axis);
   const double rho = norm(radial);
@@ -51,7 +51,12 @@ void Contact::cylinder_gap(Vec3 x, double& curvature, Vec3& around) {
     geometry.normal = (sign / rho) * radial;
     curvature = -sign / rho;
   }
-  around = cross(geometry.rim.axis, geometry.normal);
+  if (norm(geometry.rim.axis) > 0) {
+    around = cross(geometry.rim.axis, geometry.normal);
+  } else {
+    around = any_perpendicular(geometry.normal);
+    across_edge = curvature;
+  }
 }
 
 void Contact::evaluate(Vec3 relative, bool at_position, bool definite) {

@@ -68,7 +68,8 @@ struct ContactGeometry {
   double margin = 0;           // distance of the surfaces at zero gap (threshold) [m]
   double radius = 0;           // of the tendon, or the sum of both tendons' radii [m]
   Rim rim;                     // mouth: its edge; bore: a circle of its wall, less the tendon's radius; round
-                               // surface: the circle of its curvature, plus the tendon's radius
+                               // surface: a circle of the cylinder, plus the tendon's radius; without axis:
+                               // a sphere
   Rim foreseen_rim;            // mouth: its edge where that is foreseen to be
   Vec3 rim_shift;              // displacement of the contact point with the body, less that of the rim [m]
   RimPoint edge;               // mouth: the point of its edge, as last evaluated
@@ -164,6 +165,8 @@ struct Contact {
   bool turns() const { return key.kind == ContactKind::mouth; }
   // Whether the contact point slides along its segment.
   bool follows() const { return key.kind == ContactKind::mouth || is_round(); }
+  // From the body's centre of mass to the surface. The arm of a force without friction leads to the axis.
+  Vec3 touched_arm() const { return is_round() ? rim_arm + geometry.rim.radius * geometry.normal : arm; }
   // Finds the point of the segment start-end nearest to the edge or the round surface, from the last one.
   void follow(Vec3 start, Vec3 end);
   // Sets the sliding term that the motion of this point along the segment adds to the block
@@ -212,7 +215,7 @@ struct Contact {
   // (contact/following.cpp), else the wall of a bore or a round surface. `around`: tangential unit vector.
   void curved_gap(Vec3 x, double& curvature, Vec3& around, double& across_edge);
   void mouth_gap(Vec3 x, double& curvature, Vec3& around, double& across_edge);
-  void cylinder_gap(Vec3 x, double& curvature, Vec3& around);
+  void round_gap(Vec3 x, double& curvature, Vec3& around, double& across_axis);
   // Updates z at the end of a step with forces of its start (solver/published_methods.cpp).
   void settle(Vec3 relative);
 

@@ -4,7 +4,8 @@
 //   D(x) = |x - nearest point of the edge| [m], n its gradient
 //   H    = m m^T / D - kappa t t^T         second derivative of D [1/m]; t is the tangent of the edge,
 //                                          m = t x n, kappa = n.k / (1 - D n.k), k its curvature vector
-//   D(x) = distance from the axis of curvature, H = t t^T / D for a round surface
+//   D(x) = distance from the axis of a cylinder, H = t t^T / D; from the centre of a sphere,
+//          H = (1 - n n^T) / D
 //   g(a, b) = min_u D(a + u l) - r         gap of the segment a-b [m], l = b - a
 //   g''     = P^T H P - v v^T / (l.H l)    P = (1 - u, u), v = P^T H l + (-n, n)
 //

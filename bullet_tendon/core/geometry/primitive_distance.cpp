@@ -109,13 +109,10 @@ struct AlongPrimitive {
   }
 };
 
-double Primitive::curvature(Vec3 point, Vec3 normal, Vec3 along) const {
-  const double all = dot(along, along), x = along.x * along.x, y = along.y * along.y, z = along.z * along.z;
-  if (kind == Kind::cylinder) return std::fabs(normal.z) < kOnSide ? (all - z) / radius : 0;
-  if (growth == 0) return 0;
-  const bool flat_x = std::fabs(point.x) < half.x, flat_y = std::fabs(point.y) < half.y,
-             flat_z = std::fabs(point.z) < half.z;
-  return (all - (flat_x ? x : 0) - (flat_y ? y : 0) - (flat_z ? z : 0)) / growth;
+Primitive::Round Primitive::round_at(Vec3 point, Vec3 normal) const {
+  const Vec3 z{0, 0, 1};
+  if (kind == Kind::cylinder) return {std::fabs(normal.z) < kOnSide ? radius : 0, z};
+  return {growth, std::fabs(point.z) < half.z ? z : Vec3{}};
 }
 
 double Primitive::beside_straight(Vec3 point, Vec3 a, Vec3 b) const {

@@ -23,9 +23,12 @@ struct Primitive {
   bool is_flat() const { return kind == Kind::box && growth == 0; }
   bool is_round() const { return *this && !is_flat(); }
   Nearest nearest(Vec3 a, Vec3 b) const;
-  // Curvature of the surface at a point of it, where its normal is `normal`, along a tangential unit vector
-  // [1/m].
-  double curvature(Vec3 point, Vec3 normal, Vec3 along) const;
+  // The cylinder or the sphere that the surface is at a point of it, where its normal is `normal`.
+  struct Round {
+    double radius = 0;  // 0: flat there [m]
+    Vec3 axis;          // unit vector; zero: a sphere
+  };
+  Round round_at(Vec3 point, Vec3 normal) const;
   // Share of the segment a-b over the extent in which the surface is straight at a point of it, such as
   // the length of a cylinder's side; 1: it is straight in no direction there.
   double beside_straight(Vec3 point, Vec3 a, Vec3 b) const;

@@ -107,7 +107,7 @@ void start_bodies(Island& island) {
   for (const IsMeant is_meant : {&Anchor::carries, &Anchor::pulls})
     each_anchor(island, is_meant, [&](Tendon&, const Anchor&, Link& link, Vec3 arm) { reach_to(link, arm); });
   for (const Contact* contact : island.contacts)
-    if (contact->moves) reach_to(island.bodies.link(contact->link), contact->arm);
+    if (contact->moves) reach_to(island.bodies.link(contact->link), contact->touched_arm());
   for (const Element* element : island.elements.all)
     for (const TouchedLink& touched : element->touched()) {
       Link& link = island.bodies.link(touched.link);

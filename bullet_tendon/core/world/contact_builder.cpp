@@ -140,7 +140,7 @@ bool bulges(const NearCache& cache, int n, int k, double radius) {
 
 // Whether the part of a segment that is beside a round surface turns around it, else lies along it.
 bool is_across(const Tangent& surface, Vec3 segment, double radius) {
-  const Vec3 across = surface.share * without(segment, cross(surface.normal, surface.along));
+  const Vec3 across = surface.share * without(segment, surface.axis);
   return dot(across, across) > 8 * kAcross * radius * surface.radius;
 }
 
@@ -223,7 +223,7 @@ bool will_bulge(const NearCache& cache, const Shape& shape, const Tendon& c, int
   const Vec3 start = to_local(end, c.predicted.at(k)), way = to_local(end, c.predicted.at(k + 1)) - start;
   const Tangent surface = tangent_of(cache, shape, c.n() + k, start);
   if (surface.radius == 0 || !is_across(surface, way, c.radius)) return false;
-  const Vec3 across = without(way, cross(surface.normal, surface.along));
+  const Vec3 across = without(way, surface.axis);
   const double at = dot(surface.point - surface.radius * surface.normal - start, across);
   return at > 0 && at < dot(across, across);
 }
@@ -261,7 +261,7 @@ double most_motion(const Tendon& c) {
 Tendon& farther_of(Tendon& a, Tendon& b) { return most_motion(b) > most_motion(a) ? b : a; }
 
 Tangent in_world(const Tangent& surface, const Pose& pose) {
-  return {to_world(pose, surface.point), pose.rotation * surface.normal, pose.rotation * surface.along,
+  return {to_world(pose, surface.point), pose.rotation * surface.normal, pose.rotation * surface.axis,
           surface.radius, surface.share};
 }
 
@@ -489,8 +489,8 @@ Contact World::plane_contact(SegmentPoint spot, int link_slot, const Tangent& su
   const bool is_free = link.yields() && link.jacobian.empty() && !turns_far(link);
   const Vec3 segment = c.x.at(spot.first + 1) - c.x.at(spot.first);
   if (surface.radius > 0 && !is_free && is_across(surface, segment, c.radius))
-    contact.geometry.rim = rim_of(surface.point - surface.radius * surface.normal,
-                                  cross(surface.normal, surface.along), surface.radius + kept, {});
+    contact.geometry.rim =
+        rim_of(surface.point - surface.radius * surface.normal, surface.axis, surface.radius + kept, {});
   contact.geometry.margin = kept - c.radius;
   contact.friction.coefficient = friction * c.friction;
   carry(contact, c, link);
