@@ -202,8 +202,16 @@ std::vector<Plane> ends_along(NearCache& cache, const Shape& shape, const Surfac
   if ((first && (last || holds(k - 1))) || (last && holds(k + 2))) return {};
   if (!shape.primitive) list_within_reach(e, cache.local[k], cache.local[k + 1], *surface);
   const auto [from, to] = over.ends();
+  const double length = norm(b - a), share = to.u - from.u;
+  if (share * length <= kShortest * c.radius) return {};
+  const Plane middle = over.below(0.5 * (from.u + to.u));
+  const Primitive::Round round = shape.primitive.round_at(middle.point, middle.normal);
+  const bool turns =
+      round.radius > 0 &&
+      is_across({middle.point, middle.normal, round.axis, round.radius, share}, b - a, c.radius);
+  const bool between = std::min(e.now.u - from.u, to.u - e.now.u) * length > c.radius;
   const double bulge = std::min(over.height(from), over.height(to)) - over.height(over.below(e.now.u));
-  if ((to.u - from.u) * norm(b - a) <= kShortest * c.radius || bulge > kAcross * c.radius) return {};
+  if ((turns && between) || bulge > kAcross * c.radius) return {};
   std::vector<Plane> inside;
   for (Plane plane : {from, to}) {
     if (plane.u == 0 || plane.u == 1) continue;
@@ -212,7 +220,9 @@ std::vector<Plane> ends_along(NearCache& cache, const Shape& shape, const Surfac
     plane.normal = side * unit_or(without(plane.normal, over.along), e.now.normal);
     inside.push_back(plane);
   }
-  return inside;
+  // Where it lies on a particle at one end, and the nearest point is the other end.
+  const bool is_nearest = inside.size() == 1 && std::fabs(inside[0].u - e.now.u) * length <= c.radius;
+  return is_nearest ? std::vector<Plane>{} : inside;
 }
 
 // Whether the point of segment k that is nearest to a round surface is predicted to be inside the segment at
@@ -700,10 +710,10 @@ void World::bone_contacts(int tendon, int s) {
     const bool segment = f >= n;
     const std::vector<Plane> ends =
         segment && link.yields() ? ends_along(cache, shape, surface, c, f - n, end) : std::vector<Plane>{};
-    for (const Plane& plane : ends)
-      bone_contact({tendon, f - n, 1 - plane.u, plane.u},
-                   {ContactKind::bone, tendon, f, s, 0, plane.u < e.now.u ? 0 : 1},
-                   in_world({plane.point, plane.normal}, end));
+    for (int side = 0; side < static_cast<int>(ends.size()); ++side)
+      bone_contact({tendon, f - n, 1 - ends[side].u, ends[side].u},
+                   {ContactKind::bone, tendon, f, s, 0, side},
+                   in_world({ends[side].point, ends[side].normal}, end));
     if (!ends.empty()) continue;
     if (segment && !bulges(cache, n, f - n, c.radius) && !will_bulge(cache, shape, c, f - n, end)) continue;
     const SegmentPoint spot =
