@@ -18,11 +18,23 @@ SHAPES = {
     "capsule": (p.GEOM_CAPSULE, {"radius": SIZE, "height": LENGTH}),
     "hull_cylinder": (p.GEOM_MESH, {"vertices": PRISM}),
 }
+FACES = [(1, 2, 4, 3), (5, 7, 8, 6), (1, 5, 6, 2), (3, 4, 8, 7), (1, 3, 7, 5), (2, 6, 8, 4)]  # of CORNERS
 
 
-def lay_on(world, client, shape, angle, particles, friction, aside, yaw, mass):
+@pytest.fixture
+def triangles(tmp_path):
+    """The box as a file of triangles."""
+    lines = [f"v {x} {y} {z}\n" for x, y, z in CORNERS]
+    lines += [f"f {a} {b} {c}\nf {a} {c} {d}\n" for a, b, c, d in FACES]
+    file = tmp_path / "box.obj"
+    file.write_text("".join(lines))
+    return {"mesh_box": (p.GEOM_MESH, {"fileName": str(file)})}, {"meshes": [str(file)], "convex": False}
+
+
+def lay_on(world, client, shape, angle, particles, friction, aside, yaw, mass, triangles):
     """Returns the body and the holds of both cords, which diverge by twice the angle [rad]."""
-    kind, form = SHAPES[shape]
+    mesh, as_mesh = triangles
+    kind, form = (SHAPES | mesh)[shape]
     material = bt.Material(stiffness=1e4, friction=1.0, damping=5.0)
     holds = []
     for side in (-1, 1):
@@ -36,11 +48,11 @@ def lay_on(world, client, shape, angle, particles, friction, aside, yaw, mass):
     turn = p.multiplyTransforms((0, 0, 0), turn[0], (0, 0, 0), turn[1])[1]
     collision = p.createCollisionShape(kind, physicsClientId=client, **form)
     body = p.createMultiBody(mass, collision, -1, (aside, 0, height + 1e-5), turn, physicsClientId=client)
-    world.add_obstacle(body, friction=friction)
+    world.add_obstacle(body, friction=friction, **(as_mesh if shape in mesh else {}))
     return body, holds
 
 
-@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("shape", [*SHAPES, "mesh_box"])
 @pytest.mark.parametrize("particles", [2, 3])
 @pytest.mark.parametrize(
     ("dt", "angle", "yaw", "aside", "friction", "mass"),
@@ -53,11 +65,11 @@ def lay_on(world, client, shape, angle, particles, friction, aside, yaw, mass):
     ],
 )
 def test_a_body_that_is_laid_on_two_cords_rests_on_them(
-    make_world, client, shape, particles, dt, angle, yaw, aside, friction, mass
+    make_world, client, triangles, shape, particles, dt, angle, yaw, aside, friction, mass
 ):
     """It would tip over the nearest points, and be thrown, or fall through."""
     world = make_world(dt, (0, 0, -9.81))
-    body, holds = lay_on(world, client, shape, angle, particles, friction, aside, yaw, mass)
+    body, holds = lay_on(world, client, shape, angle, particles, friction, aside, yaw, mass, triangles)
     for _ in range(round(2.5 * max(1, 1 / (60 * dt)) ** 0.5 * 60)):
         world.step()
         assert world.report.converged
