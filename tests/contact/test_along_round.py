@@ -3,6 +3,7 @@
 import numpy as np
 import pybullet as p
 import pytest
+from link_scenes import links_on_joints
 
 import bullet_tendon as bt
 
@@ -57,44 +58,6 @@ def test_segments_longer_than_the_bar(make_world, client, kind, angle, particles
     assert np.hypot(*middle[1:]) > BAR + 0.99 * RADIUS
 
 
-def rest_on_two_cords(world, client, particles, mass, yaw, friction=1.0, gap=0.006):
-    """A cylinder on two taut parallel cords, `gap` on both sides of its axis, which it crosses obliquely."""
-    material = bt.Material(stiffness=1e4, damping=5.0, friction=1.0)
-    cords = [
-        world.add_tendon([(-HALF, y, 0), (HALF, y, 0)], RADIUS, material, particles) for y in (-gap, gap)
-    ]
-    holds = [t.grip(end) for t in cords for end in (0, -1)]
-    shape = p.createCollisionShape(p.GEOM_CYLINDER, radius=BAR, height=0.06, physicsClientId=client)
-    turn = p.getQuaternionFromEuler((0, np.pi / 2, yaw))
-    place = (0, 0, np.sqrt((BAR + RADIUS) ** 2 - gap**2) + 1e-5)
-    body = p.createMultiBody(mass, shape, -1, place, turn, physicsClientId=client)
-    p.changeDynamics(body, -1, linearDamping=0, angularDamping=0, physicsClientId=client)
-    world.add_obstacle(body, friction=friction)
-    return body, cords, holds
-
-
-@pytest.mark.parametrize(
-    ("particles", "mass", "yaw", "most"),
-    [(5, 0.05, 0.1, 480), (9, 0.05, 0.1, 240), (17, 0.005, 0.1, 240), (17, 0.05, 0.05, 240)],
-)
-def test_a_cylinder_that_rests_obliquely(make_world, client, particles, mass, yaw, most):
-    """The body turns as its contacts do, so that a step of what does not move is few solutions.
-
-    With five particles, segments begin each step as lying along it, and are found to cross it.
-    """
-    world = make_world(1 / 60, (0, 0, -9.81))
-    body, cords, holds = rest_on_two_cords(world, client, particles, mass, yaw)
-    solutions = []
-    for _ in range(120):
-        world.step()
-        assert world.report.converged
-        solutions.append(world.report.counts["linear_solves"])
-    assert sum(solutions[-30:]) < most
-    assert np.linalg.norm(p.getBaseVelocity(body, physicsClientId=client)[1]) < 1e-3
-    weight = 9.81 * (mass + sum(t.masses.sum() for t in cords))
-    assert sum(hold.force[2] for hold in holds) == pytest.approx(-weight, rel=1e-3)
-
-
 @pytest.mark.parametrize("yaw", [-0.1, -0.03, 0.1])
 @pytest.mark.parametrize("integrator", ["implicit_euler", "bdf2"])
 def test_a_smooth_wheel_on_an_oblique_hinge(make_world, client, yaw, integrator):
@@ -102,12 +65,9 @@ def test_a_smooth_wheel_on_an_oblique_hinge(make_world, client, yaw, integrator)
     wheel = 0.02
     world = make_world(1 / 240, (0, 0, -9.81), integrator=integrator)
     shape = p.createCollisionShape(p.GEOM_CYLINDER, radius=wheel, height=0.05, physicsClientId=client)
+    body = links_on_joints(client, p.JOINT_REVOLUTE, [0.05], [(0, 0, 1)], shape)
     turn = p.getQuaternionFromEuler((np.pi / 2, 0, yaw))
-    hinge = {"linkMasses": [0.05], "linkCollisionShapeIndices": [shape], "linkVisualShapeIndices": [-1]}
-    hinge |= {"linkPositions": [(0, 0, 0)], "linkOrientations": [(0, 0, 0, 1)], "linkParentIndices": [0]}
-    hinge |= {"linkInertialFramePositions": [(0, 0, 0)], "linkInertialFrameOrientations": [(0, 0, 0, 1)]}
-    hinge |= {"linkJointTypes": [p.JOINT_REVOLUTE], "linkJointAxis": [(0, 0, 1)]}
-    body = p.createMultiBody(0, -1, -1, (0, 0, 0), turn, **hinge, physicsClientId=client)
+    p.resetBasePositionAndOrientation(body, (0, 0, 0), turn, physicsClientId=client)
     p.setJointMotorControl2(body, 0, p.VELOCITY_CONTROL, force=0, physicsClientId=client)
     world.add_obstacle(body, friction=0.0)
     arc = (wheel + RADIUS + 1e-6) * np.array([(-np.cos(a), 0, np.sin(a)) for a in np.linspace(0, np.pi, 200)])
