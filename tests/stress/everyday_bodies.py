@@ -9,6 +9,10 @@ from scipy.optimize import minimize
 import bullet_tendon as bt
 
 SIZE = 0.02  # m, of a body
+# Triangles of a box: corners 0 to 3 are around one end, 4 to 7 beside them around the other.
+SIDES = [[k, (k + 1) % 4, 4 + (k + 1) % 4] for k in range(4)]
+SIDES += [[k, 4 + (k + 1) % 4, 4 + k] for k in range(4)]
+CUBE = [*SIDES, [0, 2, 1], [0, 3, 2], [4, 5, 6], [4, 6, 7]]
 
 
 def load(scene: Scene, mass, at=(0, 0, 0), size=SIZE):
@@ -1003,3 +1007,70 @@ def loaded_tray(scene):
     lifted = (momenta[-1] - momenta[half - 1]) / (scene.dt * (len(given) - half))
     own = sum(cord._target.masses.sum() for cord in cords) * G
     scene.near("what the cords carry [N]", carried, weight + lifted, rel=0.02, absolute=own)
+
+
+def bar(scene, kind, half, length, mass, at, turn, friction):
+    """An obstacle along its z axis; half: of its width [m]. "hull" and "faces" are boxes of triangles."""
+    box = (2 * half, 2 * half, length)
+    if kind in ("cylinder", "capsule", "box"):
+        return scene.body(kind, box if kind == "box" else (half, length), mass, at, turn, friction)
+    sides = 4 if kind in ("hull", "faces") else scene.pick(6, 12, 32)
+    angles = 2 * np.pi * (np.arange(sides) + 0.5) / sides
+    wide = np.sqrt(2) * half if sides == 4 else half
+    corners = [[wide * np.cos(a), wide * np.sin(a), z] for z in (-length / 2, length / 2) for a in angles]
+    shape = scene.p.createCollisionShape(scene.raw.GEOM_MESH, vertices=corners)
+    body = scene.p.createMultiBody(mass, shape, -1, list(at), list(turn))
+    scene.p.changeDynamics(body, -1, linearDamping=0, angularDamping=0)
+    scene.free.append(body)
+    triangles = {"convex": False, "meshes": [(corners, CUBE)]} if kind == "faces" else {}
+    scene.world.add_obstacle(body, friction=friction, **triangles)
+    # A cylinder within the prism; what is as far from both as a facet's rise is not judged.
+    inner = ("box", box) if sides == 4 else ("cylinder", (half * np.cos(np.pi / sides), length))
+    scene.solids.append((body, -1, *inner))
+    return body
+
+
+@family
+def laid_along_cords(scene):
+    """A bar that is laid, or dropped, on two taut cords along it, or across them, stays on them."""
+    scene.begin()
+    half = scene.log(0.003, 0.03)
+    length, span = scene.flat(3, 10) * half, scene.flat(15, 30) * half
+    apart, radius = scene.flat(1.0, 1.3) * half, scene.flat(0.03, 0.2) * half
+    mass, drop = scene.log(200, 8000) * half**2 * length, scene.pick(1e-3, scene.log(1e-3, 0.5)) * half
+    kind = scene.pick("box", "hull", "faces", "cylinder", "capsule", "prism")
+    # Taut enough for the bar not to tilt on the cords, nor to spread them.
+    force = min(G * mass * scene.flat(10, 50) * half * span / apart**2, 2000.0)
+    friction, damping = scene.flat(0.1, 1.0), rounded(force * scene.log(0.3, 3))
+    material = scene.material(force, friction=friction, damping=damping)
+    rest = rounded(1 / (1 + stretched(material, force)))
+    lean, particles, holds = scene.pick(0.0, scene.log(1e-9, 0.01)), scene.whole(2, 30), []
+    for side in (-1, 1):
+        along = span / 2 * np.array([np.cos(lean), side * np.sin(lean), 0])
+        line = [[0, side * apart / 2, 0] - along, [0, side * apart / 2, 0] + along]
+        cord = scene.world.add_tendon(line, radius, material, particles, rest_length=rest * span)
+        holds += [cord.grip(0), cord.grip(-1)]
+    if kind in ("box", "hull", "faces"):
+        yaw, height = scene.pick(0.0, scene.log(1e-6, 0.3), np.pi / 2), half + radius
+    else:  # in the groove of the cords, which it must not cross: on two points it would topple
+        yaw = scene.pick(0.0, scene.log(1e-6, 0.3) * apart / length)
+        height = math.sqrt((half + radius) ** 2 - (apart / 2 - (yaw + lean) * length) ** 2)
+    x = scene.flat(-0.1, 0.1) * span
+    turned = np.array([math.cos(yaw / 2), math.sin(yaw / 2)]) * math.sqrt(0.5)
+    turn = [-turned[1], turned[0], turned[1], turned[0]]  # its axis along x, then by yaw about z
+    body = bar(scene, kind, half, length, mass, (x, 0, height + drop), turn, scene.flat(0.1, 1.0))
+    given, momenta = [], []
+
+    def watch():
+        given.append(-sum(hold.force[2] for hold in holds))
+        momenta.append(mass * scene.speed(body)[2])
+        place = scene.place(body)[0]
+        scene.check(place[2] > 0.3 * half, f"the bar is at {place[2]:.4g} m, between or below the cords")
+        aside = np.hypot(place[0] - x, place[1])
+        scene.check(aside < 0.5 * half + drop, f"the bar has moved aside by {aside:.4g} m")
+
+    scene.run(scene.steps, watch=watch)
+    half_way = scene.steps // 2
+    lifted = (momenta[-1] - momenta[half_way - 1]) / (scene.dt * (len(given) - half_way))
+    own = sum(t.masses.sum() for t in scene.tendons) * G
+    scene.near("what the hands carry [N]", np.mean(given[half_way:]), G * mass + own + lifted, rel=0.02)
