@@ -35,14 +35,14 @@ constexpr double kSoftest = 1e-3;
 
 }  // namespace
 
-void Contact::curved_gap(Vec3 x, double& curvature, Vec3& around, double& across_edge) {
+void Contact::curved_gap(Vec3 x, double& curvature, Vec3& around, double& cross_curvature) {
   if (key.kind == ContactKind::mouth)
-    mouth_gap(x, curvature, around, across_edge);
+    mouth_gap(x, curvature, around, cross_curvature);
   else
-    round_gap(x, curvature, around, across_edge);
+    round_gap(x, curvature, around, cross_curvature);
 }
 
-void Contact::round_gap(Vec3 x, double& curvature, Vec3& around, double& across_edge) {
+void Contact::round_gap(Vec3 x, double& curvature, Vec3& around, double& cross_curvature) {
   const double sign = key.kind == ContactKind::bore ? -1 : 1;  // from within
   const Vec3 radial = without(x - geometry.rim.centre, geometry.rim.axis);
   const double rho = norm(radial);
@@ -55,16 +55,16 @@ void Contact::round_gap(Vec3 x, double& curvature, Vec3& around, double& across_
     around = cross(geometry.rim.axis, geometry.normal);
   } else {
     around = any_perpendicular(geometry.normal);
-    across_edge = curvature;
+    cross_curvature = curvature;
   }
 }
 
 void Contact::evaluate(Vec3 relative, bool at_position, bool definite) {
-  // Curvatures of the surface around the axis, and across the edge of a mouth [1/m].
-  double curvature = 0, across_edge = 0;
+  // Curvatures of the surface around its axis, and across that: of the edge of a mouth, or a sphere [1/m].
+  double curvature = 0, cross_curvature = 0;
   Vec3 around;
   if (is_curved())
-    curved_gap(relative + geometry.rim_shift + geometry.bulge, curvature, around, across_edge);
+    curved_gap(relative + geometry.rim_shift + geometry.bulge, curvature, around, cross_curvature);
   else
     geometry.gap = dot(geometry.normal, relative) - geometry.offset;
   geometry.gap -= geometry.depth_allowance;
@@ -81,10 +81,10 @@ void Contact::evaluate(Vec3 relative, bool at_position, bool definite) {
   friction.force = {};
   force.block = force.turning = {};
   if (normal_force.pressed) force.block = normal_force.stiffness * outer(geometry.normal);
-  if (normal_force.pressed && (curvature != 0 || across_edge != 0)) {
+  if (normal_force.pressed && (curvature != 0 || cross_curvature != 0)) {
     const double least = definite ? 0 : -std::numeric_limits<double>::infinity();
     force.turning = (normal_force.lambda_predicted * std::max(curvature, least)) * outer(around);
-    force.turning += (normal_force.lambda_predicted * std::max(across_edge, least)) *
+    force.turning += (normal_force.lambda_predicted * std::max(cross_curvature, least)) *
                      outer(cross(around, geometry.normal));
     force.block += force.turning;
   }

@@ -213,9 +213,9 @@ struct Contact {
   void add_pair_sliding_terms(const Vec3 (&x)[4], bool definite);
   // Gap [m], normal and curvatures [1/m] of a curved surface at x: the edge of a mouth
   // (contact/following.cpp), else the wall of a bore or a round surface. `around`: tangential unit vector.
-  void curved_gap(Vec3 x, double& curvature, Vec3& around, double& across_edge);
-  void mouth_gap(Vec3 x, double& curvature, Vec3& around, double& across_edge);
-  void round_gap(Vec3 x, double& curvature, Vec3& around, double& across_axis);
+  void curved_gap(Vec3 x, double& curvature, Vec3& around, double& cross_curvature);
+  void mouth_gap(Vec3 x, double& curvature, Vec3& around, double& cross_curvature);
+  void round_gap(Vec3 x, double& curvature, Vec3& around, double& cross_curvature);
   // Updates z at the end of a step with forces of its start (solver/published_methods.cpp).
   void settle(Vec3 relative);
 

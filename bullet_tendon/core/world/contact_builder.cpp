@@ -60,8 +60,7 @@ constexpr double kAlong = 0.1;
 constexpr double kEdge = 0.01;
 
 // Length of the part of a segment that lies along a surface, over the radius, up to which it counts as a
-// point
-// [-]. Smaller: where a segment turns around a wheel, the surface hardly bends over so short a part.
+// point [-]. Smaller: where a segment turns around a wheel, the surface hardly bends over so short a part.
 constexpr double kShortest = 3;
 
 // Bisections by which the end of the part of a segment that lies along a surface is found.
@@ -175,43 +174,57 @@ struct SegmentOver {
     return u;
   }
 
-  // The planes at the ends of the part that lies along the surface. The nearest point can be at an edge.
-  std::pair<Plane, Plane> ends() const {
+  // The planes at the ends of the part that lies along the surface, if one does. The nearest point can be at
+  // an edge.
+  std::optional<std::pair<Plane, Plane>> ends() const {
     const double u = near.now.u;
     const double middle = 0.5 * (end_towards(0, u, 0, kAlong) + end_towards(1, u, 0, kAlong));
     const double leans = lean(below(middle).normal);
     if (std::fabs(leans) >= kAlong) return {};
-    return {below(end_towards(0, middle, leans, kEdge)), below(end_towards(1, middle, leans, kEdge))};
+    auto edge = [&](double end) { return below(end_towards(end, middle, leans, kEdge)); };
+    return std::pair{edge(0), edge(1)};
+  }
+
+  // Whether the part between two planes turns around a round surface.
+  bool turns(const Plane& from, const Plane& to, double radius) const {
+    if (!shape.primitive.is_round()) return false;
+    const Plane middle = below(0.5 * (from.u + to.u));
+    const Primitive::Round round = shape.primitive.round_at(middle.point, middle.normal);
+    return round.radius > 0 &&
+           is_across({middle.point, middle.normal, round.axis, round.radius, to.u - from.u}, b - a, radius);
   }
 };
 
+// Whether particles hold a body beside segment k, which lies along it: both of the segment's, or one of them
+// and the one before or after it.
+bool is_held_by_particles(const NearCache& cache, const SegmentOver& over, int k, int n) {
+  auto holds = [&](int i) {
+    return i >= 0 && i < n && cache.entries[i].wanted &&
+           std::fabs(over.lean(cache.entries[i].now.normal)) < kAlong;
+  };
+  const bool first = holds(k), last = holds(k + 1);
+  return (first && (last || holds(k - 1))) || (last && holds(k + 2));
+}
+
 // The planes of a surface at the ends of the part of segment k that lies along it, where these are inside the
 // segment. `surface` is that of a mesh. A body that is shorter than two segments would tip over the nearest
-// point alone within a step. Where two particles lie on it, they hold it.
+// point alone within a step.
 std::vector<Plane> ends_along(NearCache& cache, const Shape& shape, const Surface* surface, const Tendon& c,
                               int k, const Pose& end) {
   Entry& e = cache.entries[c.n() + k];
   if (e.inside || !(shape.primitive || surface)) return {};
   const Vec3 a = to_local(end, c.predicted.at(k)), b = to_local(end, c.predicted.at(k + 1));
   const SegmentOver over{shape, surface, e, a, b, unit_or(b - a, {})};
-  auto holds = [&](int i) {
-    return i >= 0 && i < c.n() && cache.entries[i].wanted &&
-           std::fabs(over.lean(cache.entries[i].now.normal)) < kAlong;
-  };
-  const bool first = holds(k), last = holds(k + 1);
-  if ((first && (last || holds(k - 1))) || (last && holds(k + 2))) return {};
+  if (is_held_by_particles(cache, over, k, c.n())) return {};
   if (!shape.primitive) list_within_reach(e, cache.local[k], cache.local[k + 1], *surface);
-  const auto [from, to] = over.ends();
-  const double length = norm(b - a), share = to.u - from.u;
-  if (share * length <= kShortest * c.radius) return {};
-  const Plane middle = over.below(0.5 * (from.u + to.u));
-  const Primitive::Round round = shape.primitive.round_at(middle.point, middle.normal);
-  const bool turns =
-      round.radius > 0 &&
-      is_across({middle.point, middle.normal, round.axis, round.radius, share}, b - a, c.radius);
+  const auto ends = over.ends();
+  if (!ends) return {};
+  const auto& [from, to] = *ends;
+  const double length = norm(b - a);
+  if ((to.u - from.u) * length <= kShortest * c.radius) return {};
   const bool between = std::min(e.now.u - from.u, to.u - e.now.u) * length > c.radius;
   const double bulge = std::min(over.height(from), over.height(to)) - over.height(over.below(e.now.u));
-  if ((turns && between) || bulge > kAcross * c.radius) return {};
+  if ((between && over.turns(from, to, c.radius)) || bulge > kAcross * c.radius) return {};
   std::vector<Plane> inside;
   for (Plane plane : {from, to}) {
     if (plane.u == 0 || plane.u == 1) continue;
