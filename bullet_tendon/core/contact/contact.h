@@ -79,7 +79,9 @@ struct ContactGeometry {
   double handedness = 0;       // pair: sign of n.(l_a x l_b) there; 0: a contact point is at an end
   bool parallel = false;       // pair of nearly parallel segments, whose contact points are fixed
   bool follows = false;        // pair whose contact points are the present nearest points
-  Vec3 bend[2];                // mouth: of its segment (geometry/bent_segment.h), of the substep's start [m]
+  Vec3 bend[2];                // mouth: of its segment (geometry/bent_segment.h), of the substep's start,
+                               // turned as its edge [m]
+  Vec3 foreseen_bend[2];       // mouth: the same where the edge is as foreseen [m]
   Vec3 bulge;                  // mouth and bore: of the segment at the contact point, as last evaluated [m]
   Vec3 point_shift;            // from the first contact point to the present one, at the start [m]
   // Contacts whose points slide along their segments: each term adds share l l^T to the block, with l over
@@ -163,6 +165,9 @@ struct Contact {
   // Whether the surface turns with its body in a solution. That of a bore and a round one need not, because
   // their normals lead through the centre that moves with the body. Planes stay as they were detected.
   bool turns() const { return key.kind == ContactKind::mouth; }
+  // Turns such a surface from where it is foreseen to be, and the bend of the segment with it. With a bend
+  // that did not turn, what turns the tendon and the surface alike would change the gap.
+  void turn(const Rot3& by);
   // Whether the contact point slides along its segment.
   bool follows() const { return key.kind == ContactKind::mouth || is_round(); }
   // From the body's centre of mass to the surface. The arm of a force without friction leads to the axis.

@@ -47,6 +47,12 @@ void Contact::mouth_gap(Vec3 x, double& curvature, Vec3& around, double& cross_c
   around = edge.tangent;
 }
 
+void Contact::turn(const Rot3& by) {
+  geometry.rim = turned(geometry.foreseen_rim, by);
+  for (int end : {0, 1}) geometry.bend[end] = by * geometry.foreseen_bend[end];
+  geometry.bulge = bent(geometry, {}, {}).bulge(a.w1);
+}
+
 void Contact::follow(Vec3 start, Vec3 end) {
   if (is_round()) {
     const Vec3 l = without(end - start, geometry.rim.axis);

@@ -249,8 +249,7 @@ void follow(Island& island, Contact& contact) {
     const Vec3 moved = rim_moved(island, contact);
     const Field& x = island.at(contact.a).x_new;
     if (contact.moves && contact.turns())
-      contact.geometry.rim =
-          turned(contact.geometry.foreseen_rim, island.bodies.link(contact.link).turned_from_foreseen());
+      contact.turn(island.bodies.link(contact.link).turned_from_foreseen());
     if (contact.follows()) contact.follow(x.at(contact.a.first) - moved, x.at(contact.a.first + 1) - moved);
     // The arm leads to the point at which the force acts, so that it turns neither the one nor the other.
     const Vec3 at = contact.a.of(x) - moved;

@@ -1056,6 +1056,7 @@ void World::mouth_contact(const SegmentAtMouth& at, const Rim& rim, double u) {
   contact.geometry.margin = options.contact_threshold;
   contact.geometry.offset = distance_kept_from_edge(c, at.tunnel);
   std::copy_n(at.now.bend, 2, contact.geometry.bend);
+  std::copy_n(at.now.bend, 2, contact.geometry.foreseen_bend);
   contact.geometry.bulge = at.now.bulge(u);
   contact.geometry.threads_mouth = at.threads;
   contact.geometry.beyond_edge = beyond;
