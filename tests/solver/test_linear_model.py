@@ -52,3 +52,27 @@ def test_a_held_bore_and_its_mouth(make_world):
     errors = errors_of(world, 20)
     assert len(world.contacts) > 0
     assert np.median(errors) <= 1e-5
+
+
+def free_block(client, half, mass, at):
+    """A free body without damping, of these half edges."""
+    shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=half, physicsClientId=client)
+    body = p.createMultiBody(mass, shape, -1, at, physicsClientId=client)
+    p.changeDynamics(body, -1, linearDamping=0, angularDamping=0, physicsClientId=client)
+    return body
+
+
+@pytest.mark.parametrize("spin", [0, 10, 40])
+@pytest.mark.parametrize("mass", [0.01, 0.1, 1.0])
+def test_a_bead_that_turns_on_its_mouths(make_world, client, mass, spin):
+    """Force and torque of the mouths, by the motion of the particles and the turn of the body."""
+    world, half = make_world(1 / 240, gravity=(0, 0, -9.81)), 0.01
+    bead = free_block(client, [half] * 3, mass, (0.003, 0, 0))
+    world.add_tunnel(bead, -1, (-half, 0, 0.004), (half, 0, 0.004), 0.003, friction=0.0)
+    law = bt.Material(stiffness=2000.0, density=1100.0, damping=1.0)
+    t = world.add_tendon([(-0.1, 0, 0.004), (0.1, 0, 0.0042)], 1e-3, law, particles=24, rest_length=0.2)
+    t.grip(0), t.grip(-1)
+    p.resetBaseVelocity(bead, [0, 0, 0], [0, spin, 0], physicsClientId=client)
+    errors = errors_of(world, 30)
+    assert "mouth" in set(world.contacts["kind"])
+    assert np.median(errors[errors >= 0]) <= 2e-5

@@ -158,7 +158,7 @@ double slid_to_rim(double u, Vec3 a, Vec3 b, const std::array<Vec3, 2>& bend, Ve
 // The matrix of a contact on its particles.
 Array full_block(const Contact& contact) {
   ContactMatrix k;
-  find_matrix(contact, nullptr, nullptr, k);
+  find_matrix(contact, nullptr, nullptr, false, k);
   const int particles = contact.b.tendon >= 0 ? 4 : 2;
   Array full({3 * particles, 3 * particles});
   for (int i = 0; i < 3 * particles; ++i)

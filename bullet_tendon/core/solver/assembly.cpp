@@ -295,7 +295,8 @@ BT_WITHIN inline Block3 crossed(const Block3& b, Vec3 arm) {
 
 }  // namespace
 
-BT_VECTOR void find_matrix(const Contact& contact, const Link* link, const Vec3* turned, ContactMatrix& k) {
+BT_VECTOR void find_matrix(const Contact& contact, const Link* link, const Vec3* turned, bool all_turn,
+                           ContactMatrix& k) {
   const ContactForce& force = contact.force;
   const int particles = contact.b.tendon >= 0 ? 4 : 2;
   const double weights[4] = {contact.a.w0, contact.a.w1, -contact.b.w0, -contact.b.w1};
@@ -315,7 +316,11 @@ BT_VECTOR void find_matrix(const Contact& contact, const Link* link, const Vec3*
     if (turned) {
       // The potential of a surface that turns has the further term w.(d x f), for the rotation w of the link
       // and the displacement d of a relative to it, with f on the tendon.
-      const Block3 by_turn = crossed(block_of(identity(1)), force.linear), both = crossed(by_turn, arm);
+      // The centre of a surface that slides moves with the arm to it (load_body), by virtual work or because
+      // the arm to the contact point is taken from there.
+      const bool slides = contact.is_curved() && !all_turn;
+      const Vec3 lever = slides ? 0.5 * (arm + link->now(contact.rim_arm)) : arm;
+      const Block3 by_turn = crossed(block_of(identity(1)), force.linear), both = crossed(by_turn, lever);
       all = sum_of(all, by_turn);
       k.at(3, 3) = sum_of(k.at(3, 3), scaled(-1, sum_of(both, transposed(both))));
     }
@@ -382,7 +387,7 @@ void linearise_contacts(Island& island, bool slide, bool definite) {
     const Link* link = contact.moves ? &island.bodies.link(contact.link) : nullptr;
     const Vec3 segment = a.x_new.at(contact.a.first + 1) - a.x_new.at(contact.a.first);
     const bool turns = island.bodies.turn_surfaces || (!definite && contact.turns());
-    find_matrix(contact, link, link && turns ? &segment : nullptr, k);
+    find_matrix(contact, link, link && turns ? &segment : nullptr, island.bodies.turn_surfaces, k);
     add_within_band(a.matrix, contact.a.first, k, 0);
     if (contact.b.tendon >= 0) add_within_band(island.at(contact.b).matrix, contact.b.first, k, 2);
     if (!link) continue;

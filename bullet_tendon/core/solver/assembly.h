@@ -56,8 +56,10 @@ void follow(Island& island, Contact& contact);
 // within the bands. slide: with the terms of points that slide; definite: which stay positive definite.
 void linearise_contacts(Island& island, bool slide, bool definite);
 // The matrix of an evaluated contact. link: which moves with the unknowns of its body, else null. turned: the
-// segment of the contact [m], if the surface turns with the link in the matrix, else null.
-void find_matrix(const Contact& contact, const Link* link, const Vec3* turned, ContactMatrix& k);
+// segment of the contact [m], if the surface turns with the link in the matrix, else null. all_turn: all
+// surfaces do, and their loads have the arms of material points.
+void find_matrix(const Contact& contact, const Link* link, const Vec3* turned, bool all_turn,
+                 ContactMatrix& k);
 // Adds the forces of soft anchors and lines to the residual, or (matrix) their stiffnesses to the matrix and
 // the difference between their linearised and their true forces to the residual.
 void add_soft_anchors(Tendon& c, const Field& x, bool matrix);
