@@ -76,3 +76,23 @@ def test_a_bead_that_turns_on_its_mouths(make_world, client, mass, spin):
     errors = errors_of(world, 30)
     assert "mouth" in set(world.contacts["kind"])
     assert np.median(errors[errors >= 0]) <= 2e-5
+
+
+def test_a_bore_that_turns_along_a_cord_that_slides(make_world, client):
+    """Where a particle has slid along the bore, its wall moves as the body turns there."""
+    world, half = make_world(1 / 240), 0.05
+    block = free_block(client, [half, 0.01, 0.01], 0.3, (0, 0, 0))
+    world.add_tunnel(block, -1, (-half, 0, 0), (half, 0, 0), 0.006, friction=0.0)
+    law = bt.Material(stiffness=2000.0, density=1100.0, damping=1.0)
+    t = world.add_tendon([(-0.04, 0, 0), (0.03, 0, 0)], 0.004, law, particles=12)
+    t.set_positions(t.positions, np.tile([1.0, 0, 0], (12, 1)))
+    p.resetBaseVelocity(block, [0, 0, 0], [0, 6, 3], physicsClientId=client)
+    errors = []
+    testing.watch_models(world._core, MOVE, errors.append)
+    pressed = 0
+    for _ in range(12):
+        world.step()
+        bores = world.contacts[world.contacts["kind"] == "bore"]
+        pressed += (bores["normal_force"] > 0).any()
+    assert pressed >= 6
+    assert np.percentile(errors, 80) <= 1e-4

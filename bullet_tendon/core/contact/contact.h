@@ -70,7 +70,7 @@ struct ContactGeometry {
   Rim rim;                     // mouth: its edge; bore: a circle of its wall, less the tendon's radius; round
                                // surface: a circle of the cylinder, plus the tendon's radius; without axis:
                                // a sphere
-  Rim foreseen_rim;            // mouth: its edge where that is foreseen to be
+  Rim foreseen_rim;            // mouth and bore: its rim where that is foreseen to be
   Vec3 rim_shift;              // displacement of the contact point with the body, less that of the rim [m]
   RimPoint edge;               // mouth: the point of its edge, as last evaluated
   bool threads_mouth = false;  // mouth contact of a segment that passes through the mouth
@@ -79,9 +79,9 @@ struct ContactGeometry {
   double handedness = 0;       // pair: sign of n.(l_a x l_b) there; 0: a contact point is at an end
   bool parallel = false;       // pair of nearly parallel segments, whose contact points are fixed
   bool follows = false;        // pair whose contact points are the present nearest points
-  Vec3 bend[2];                // mouth: of its segment (geometry/bent_segment.h), of the substep's start,
-                               // turned as its edge [m]
-  Vec3 foreseen_bend[2];       // mouth: the same where the edge is as foreseen [m]
+  Vec3 bend[2];                // mouth and bore: of its segment (geometry/bent_segment.h), of the substep's
+                               // start, turned as the rim [m]
+  Vec3 foreseen_bend[2];       // mouth and bore: the same where the rim is as foreseen [m]
   Vec3 bulge;                  // mouth and bore: of the segment at the contact point, as last evaluated [m]
   Vec3 point_shift;            // from the first contact point to the present one, at the start [m]
   // Contacts whose points slide along their segments: each term adds share l l^T to the block, with l over
@@ -162,9 +162,9 @@ struct Contact {
   bool is_round() const { return key.kind == ContactKind::bone && geometry.rim.radius > 0; }
   // Whether the gap is that of a curved surface, else of a plane.
   bool is_curved() const { return key.kind == ContactKind::bore || follows(); }
-  // Whether the surface turns with its body in a solution. That of a bore and a round one need not, because
-  // their normals lead through the centre that moves with the body. Planes stay as they were detected.
-  bool turns() const { return key.kind == ContactKind::mouth; }
+  // Whether the surface turns with its body in a solution. A round one need not, because its normal leads
+  // through the centre that moves with the body. Planes stay as they were detected.
+  bool turns() const { return key.kind == ContactKind::mouth || key.kind == ContactKind::bore; }
   // Turns such a surface from where it is foreseen to be, and the bend of the segment with it. With a bend
   // that did not turn, what turns the tendon and the surface alike would change the gap.
   void turn(const Rot3& by);

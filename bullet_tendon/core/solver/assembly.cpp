@@ -243,7 +243,7 @@ Vec3 rim_moved(const Island& island, const Contact& contact) {
 }  // namespace
 
 // A round surface that rotates about its axis stays where it is, while the contact point moves with it. The
-// edge of a mouth turns with its body: force and gap have one Jacobian.
+// edge of a mouth and the wall of a bore turn with their body: force and gap have one Jacobian.
 void follow(Island& island, Contact& contact) {
   if (contact.is_curved()) {
     const Vec3 moved = rim_moved(island, contact);

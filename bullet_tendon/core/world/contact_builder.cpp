@@ -406,11 +406,11 @@ class BendsAtMouth {
   double most_ = 0;
 };
 
-// Bulge at particle i of a bore, if a segment of it can reach a mouth [m].
-Vec3 bulge_of(const Tendon& c, int i, BendsAtMouth (&mouths)[2]) {
+// Bend at particle i of a bore, if a segment of it can reach a mouth [m].
+Vec3 bend_beside(const Tendon& c, int i, BendsAtMouth (&mouths)[2]) {
   const double longest = std::max(i > 0 ? c.rest[i - 1] : 0, i + 1 < c.n() ? c.rest[i] : 0);
   for (BendsAtMouth& mouth : mouths)
-    if (std::fabs(mouth.rim().height(c.x.at(i))) < longest) return kBulgeAtEnd * mouth.at(i);
+    if (std::fabs(mouth.rim().height(c.x.at(i))) < longest) return mouth.at(i);
   return {};
 }
 
@@ -955,9 +955,12 @@ void World::bore_contacts(int tendon, int t) {
     contact.key = {ContactKind::bore, tendon, i, t};
     contact.a = particle_of(c, tendon, i);
     const double room = std::max(0.0, bore.radius - c.radius - options.contact_threshold);
-    contact.geometry.rim = foreseen_rim(rim_of(on_axis, bore.axis, room, {}), link);
+    const Rim wall = foreseen_rim(rim_of(on_axis, bore.axis, room, {}), link);
+    contact.geometry.rim = contact.geometry.foreseen_rim = wall;
     contact.geometry.margin = options.contact_threshold;
-    contact.geometry.bulge = bulge_of(c, i, mouths);
+    const Vec3 bend = bend_beside(c, i, mouths);
+    std::fill_n(contact.geometry.foreseen_bend, 2, bend);
+    contact.geometry.bulge = kBulgeAtEnd * bend;
     contact.geometry.normal = direction_across(on_axis - x - contact.geometry.bulge, bore.axis);
     contact.friction.coefficient = link.friction_of(scene.tunnels[t]->friction) * c.friction;
     carry(contact, c, link);
