@@ -253,7 +253,7 @@ std::vector<std::array<double, 6>> searched_nearest(const std::vector<Triangle>&
 py::tuple finite_rotation_term(Vec3 begun, Vec3 by, const Field& arms, const Field& forces) {
   FiniteRotation turned;
   turned.begun = begun;
-  turned.turn_by(1, by);
+  turned.turn_by(by);
   turned.pulls = {{}, {}, {}};
   Vec3 torque;
   for (int i = 0; i < arms.size(); ++i) {

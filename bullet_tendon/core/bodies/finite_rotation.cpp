@@ -85,9 +85,8 @@ Rot3 FiniteRotation::since_begun(Vec3 theta) const {
   return rotation_of_step(theta) * rotation_of_step(-begun);
 }
 
-void FiniteRotation::turn_by(double share, Vec3 by) {
-  straight = share * more;
-  theta = begun + straight + by;
+void FiniteRotation::turn_by(Vec3 by) {
+  theta = begun + more + by;
   rotation = since_begun(theta);
   rate = rate_of(slowed(theta)) * slowing_rate_of(theta);
 }

@@ -20,15 +20,15 @@ namespace bt {
 struct FiniteRotation {
   bool far = false;  // false: arms are those at the start of the substep
   // Rotation vectors: predicted from the start of the step to that of the substep, and within the substep;
-  // the share of the latter that is taken; and theta, with what the tendons add.
-  Vec3 begun, more, straight, theta;
+  // and theta, with what the tendons add.
+  Vec3 begun, more, theta;
   Rot3 rotation, rate;  // since the substep began; Q
   // Sum of outer products r' f over the points that are touched. The antisymmetric part is the torque.
   Rot3 pulls;
 
   // The rotation within the substep, if it ends at this theta.
   Rot3 since_begun(Vec3 theta) const;
-  void turn_by(double share, Vec3 by);
+  void turn_by(Vec3 by);
   // Adds a force f that gives this torque. Of its arm, only this part turns with the body.
   void add_pull(Vec3 arm, Vec3 f, Vec3 torque);
   // The change of the torque on theta with theta, the symmetric part of it, at the pulls that were added.

@@ -61,10 +61,10 @@ void Link::advance_to(const GeneralizedBody* m, double time) {
 }
 
 // The angular rows of `reached` are those of the root, times Q (bodies/finite_rotation.h).
-void Link::turn(const GeneralizedBody& m, double share) {
+void Link::turn(const GeneralizedBody& m) {
   FiniteRotation& turned = iterate.turned;
   dense::Numbers& reached = iterate.reached;
-  turned.turn_by(share, iterate.given.angular);
+  turned.turn_by(iterate.given.angular);
   const size_t n = m.n();
   reached = root;
   for (size_t k = 0; k < n; ++k) {
@@ -92,7 +92,7 @@ Vec3 Link::ahead_of(Vec3 local, double dt) const {
 
 Vec3 Link::displaced(Vec3 arm) const {
   if (!iterate.turned.far) return iterate.given.at(arm);
-  return iterate.given.linear + (now(arm) - arm) - cross(iterate.turned.straight, arm);
+  return iterate.given.linear + (now(arm) - arm) - cross(iterate.turned.more, arm);
 }
 
 void Link::foresee(const Twist& by, double dt, bool far) {

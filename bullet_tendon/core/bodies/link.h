@@ -146,8 +146,8 @@ struct Link {
   Vec3 held_arm_of(Vec3 local) const { return attachment_arms.turn * arm_of(local); }
   // The arm at the end of the substep.
   Vec3 now(Vec3 arm) const { return iterate.turned.rotation * arm; }
-  // Sets the finite rotation from a share of the predicted one and from the unknowns.
-  void turn(const GeneralizedBody& m, double share);
+  // Sets the finite rotation from the predicted one and from the unknowns.
+  void turn(const GeneralizedBody& m);
   // Displacement of the point at the arm by the unknowns. If the link rotates far, relative to the straight
   // predicted path.
   Vec3 displaced(Vec3 arm) const;

@@ -74,7 +74,7 @@ void place(Island& island) {
     Link& link = island.bodies.link(l);
     const GeneralizedBody& m = island.bodies.body(link.body);
     link.iterate.given = island.bodies.reach * link.spin_of(m.unknowns.y);
-    if (link.iterate.turned.far) link.turn(m, 1);
+    if (link.iterate.turned.far) link.turn(m);
   }
   each_anchor(island, &Anchor::carries, [](Tendon& c, const Anchor& h, Link& link, Vec3 arm) {
     c.place(h.particle, h.target.aim);
