@@ -205,10 +205,8 @@ struct Considering {
       e.clearance = e.distance;
       return true;
     }
-    auto missing = [&] { return moved > 0.5 * (e.listed - e.distance); };
-    if (missing()) return false;
-    if (e.nearby.empty()) e.listed = context.surface->list(e.a, e.b, e.listed, e.nearby);
-    if (missing()) return false;
+    if (moved > 0.5 * (e.listed - e.distance)) return false;
+    if (e.nearby.empty()) context.surface->list(e.a, e.b, e.listed, e.nearby);
     const Nearest found = context.surface->nearest(e.nearby, q.a, q.b);
     e.now = plane_of(found, q.a, q.b, e.asked.normal);
     e.clearance = found.distance;
