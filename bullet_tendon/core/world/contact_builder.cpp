@@ -507,11 +507,8 @@ Contact World::plane_contact(SegmentPoint spot, int link_slot, const Tangent& su
   const double apart = distance_to_keep(spot, key), kept = apart + options.contact_threshold;
   contact.geometry.normal = surface.normal;
   contact.geometry.offset = dot(surface.normal, surface.point) + kept;
-  // Where rotations of free bodies are not finite, the force acts where its point was at the start (set_arm).
-  // A point that follows to the end would hold back a ball that rolls.
-  const bool is_free = link.yields() && link.jacobian.empty() && !turns_far(link);
   const Vec3 segment = c.x.at(spot.first + 1) - c.x.at(spot.first);
-  if (surface.radius > 0 && !is_free && is_across(surface, segment, c.radius))
+  if (surface.radius > 0 && is_across(surface, segment, c.radius))
     contact.geometry.rim =
         rim_of(surface.point - surface.radius * surface.normal, surface.axis, surface.radius + kept, {});
   contact.geometry.margin = kept - c.radius;
