@@ -621,12 +621,8 @@ bool World::is_beside(const Anchor& anchor, const Contact& contact) const {
   const Shape& shape = *scene.shapes[key.other];
   if (shape.half_space || anchor.link == shape.link) return false;
   const NearCache& cache = detection_.caches[key.tendon][key.other];
-  const Entry& held = cache.entries[anchor.particle];
   // Within a mesh its surface can be out of reach.
-  if (!held.wanted) return shape.primitive || !cache.entries[key.feature].inside;
-  const Link& link = scene.links[shape.link];
-  const Vec3 aim = to_local(foreseen_pose(in_world(shape, link), link), anchor.target.aim);
-  return dot(held.now.normal, aim - held.now.point) >= contact.geometry.margin + contact.geometry.radius;
+  return !cache.entries[anchor.particle].wanted && (shape.primitive || !cache.entries[key.feature].inside);
 }
 
 void World::add_contact(const Contact& contact) {
