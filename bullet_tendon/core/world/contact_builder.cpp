@@ -153,7 +153,6 @@ struct SegmentOver {
 
   Vec3 at(double u) const { return (1 - u) * a + u * b; }
   double lean(Vec3 normal) const { return dot(normal, along); }
-  double height(const Plane& plane) const { return norm(without(at(plane.u) - plane.point, along)); }
 
   // The plane at the point of the surface that is nearest to the one at u.
   Plane below(double u) const {
@@ -223,8 +222,7 @@ std::vector<Plane> ends_along(NearCache& cache, const Shape& shape, const Surfac
   const double length = norm(b - a);
   if ((to.u - from.u) * length <= kShortest * c.radius) return {};
   const bool between = std::min(e.now.u - from.u, to.u - e.now.u) * length > c.radius;
-  const double bulge = std::min(over.height(from), over.height(to)) - over.height(over.below(e.now.u));
-  if ((between && over.turns(from, to, c.radius)) || bulge > kAcross * c.radius) return {};
+  if (between && over.turns(from, to, c.radius)) return {};
   std::vector<Plane> inside;
   for (Plane plane : {from, to}) {
     if (plane.u == 0 || plane.u == 1) continue;
@@ -233,9 +231,7 @@ std::vector<Plane> ends_along(NearCache& cache, const Shape& shape, const Surfac
     plane.normal = side * unit_or(without(plane.normal, over.along), e.now.normal);
     inside.push_back(plane);
   }
-  // Where it lies on a particle at one end, and the nearest point is the other end.
-  const bool is_nearest = inside.size() == 1 && std::fabs(inside[0].u - e.now.u) * length <= c.radius;
-  return is_nearest ? std::vector<Plane>{} : inside;
+  return inside;
 }
 
 // Whether the point of segment k that is nearest to a round surface is predicted to be inside the segment at
