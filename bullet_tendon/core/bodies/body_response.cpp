@@ -115,9 +115,8 @@ void GeneralizedBody::leave_out(double share, double dt) {
 // motors, by what pybullet reports of them.
 Numbers GeneralizedBody::explain_stops(const Numbers& reported, const Numbers& reached) {
   JointMotors& motors = stops.motors;
-  const Numbers foreseen = motors.foreseen(reached);
-  const Numbers by_motors = observer.forces_of_motors(
-      reached, unforced(), {motors.reported_before, reported, foreseen, stops.accelerates(), motors.off});
+  const Numbers by_motors =
+      observer.forces_of_motors(reached, unforced(), {motors.reported_before, reported, motors.off});
   stops.explain(stopped(), forces, by_motors);
   return by_motors;
 }

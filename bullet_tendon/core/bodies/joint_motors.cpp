@@ -108,13 +108,6 @@ void JointMotors::begin(const Numbers& rates) {
   reported_before = reports;
 }
 
-Numbers JointMotors::foreseen(const Numbers& reached) const {
-  Numbers rates(reached);
-  for (size_t i = 0; i < std::min(all.size(), rates.size()); ++i)
-    if (all[i].known) rates[i] = all[i].foreseen;
-  return rates;
-}
-
 void JointMotors::foresee(double dt) {
   for (JointMotor& m : all) m.foreseen = m.aim + (again ? 0 : dt * m.trend);
 }

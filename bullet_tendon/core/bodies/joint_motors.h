@@ -14,8 +14,7 @@
 //          much, unless the motor was within a limit that is known, or its aim has changed by as much before.
 //          At a limit, f is the same in the next step. If it is not, the aim had changed.
 //
-// pybullet reports a wrong force of a motor that is off, and where it cuts off a rate before its motors act
-// (Observer::forces_of_motors).
+// pybullet reports a wrong force of a motor that is off (Observer::forces_of_motors).
 //
 // A motor that yields where it was not foreseen to has released its joint: the step is solved again
 // (world/resolve.cpp).
@@ -55,8 +54,6 @@ class JointMotors {
   bool observe(const Numbers& reached, const Numbers& forces, double dt);
   // Whether any has released its joint, by the same.
   bool released(const Numbers& reached, const Numbers& forces) const;
-  // The aims foreseen (n); of joints without a motor, the rates reached (n).
-  Numbers foreseen(const Numbers& reached) const;
   // Sets the aims foreseen for a step of dt [s].
   void foresee(double dt);
   void begin_step() {

@@ -84,8 +84,7 @@ bool Observer::sample(const Numbers& rates, const Numbers& gravity, const Number
 }
 
 // A motor of which the same force is reported as before was off if its joint moved as it does without it. It
-// is off until another force is reported. pybullet cuts off rates before its motors act: of one that held its
-// joint all the same, it reports only what undid the rest.
+// is off until another force is reported.
 Numbers Observer::forces_of_motors(const Numbers& rates, const Numbers& gravity, const Reported& reported) {
   Numbers forces(reported.now);
   reported.off.resize(forces.size());
@@ -95,21 +94,13 @@ Numbers Observer::forces_of_motors(const Numbers& rates, const Numbers& gravity,
     if (reported.off[i] != 0) forces[i] = 0;
   measure(rates, gravity, forces);
   compare(work_.now);
-  respond(root_, applied_, work_.one, work_.e);
-  work_.s.resize(n_);
-  for (int i = 0; i < n_; ++i) {  // before pybullet's constraints
-    const double stopped = reported.stopped.empty() ? 0 : reported.stopped[i];
-    work_.s[i] = rates_[i] + dt_ * (work_.e[i] + gravity[i] - stopped);
-  }
   dense::solve(root_, missed_);  // generalized forces
   for (int i = 0; i < n_; ++i) {
     const double force = reported.now[i];
     const bool moved_without =
         is_cut_off(rates[i]) || std::fabs(missed_[i] + force) < kStale * std::fabs(force);
     reported.off[i] = force == reported.before[i] && (reported.off[i] != 0 || moved_without);
-    const bool held = std::fabs(rates[i] - reported.foreseen[i]) < kEvidence * kMostRate;
     forces[i] = reported.off[i] != 0 ? 0 : force;
-    if (forces[i] != 0 && held && std::fabs(work_.s[i]) >= kMostRate) forces[i] += missed_[i];
   }
   missed_.clear();
   return forces;

@@ -57,8 +57,6 @@ class Observer {
   // The forces of motors in the last step, by what pybullet reports of them. All (n).
   struct Reported {
     const Numbers &before, &now;  // in the step before and in this one
-    const Numbers& foreseen;      // rates
-    const Numbers& stopped;       // acceleration by pybullet's stops; empty: none
     // 1: the motor was off. pybullet goes on to report the last force of one that is switched off.
     Numbers& off;
   };
