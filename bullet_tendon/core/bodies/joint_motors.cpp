@@ -36,7 +36,6 @@ bool is_at_limit(const JointMotor& m, double reached, double force) {
   const double off = direction(m, force) * (m.foreseen - reached);
   if (!m.known || !m.solved || !(off > kSolverNoise)) return false;
   if (is_same(force, m.force) || is_same(std::fabs(force), m.limit)) return true;
-  if (m.doubtful) return false;
   if (is_greatest(m, force)) return missing_share(m, force) > kLeastNews;
   const bool may_be_lower = m.side != 0 || (m.limit == kUnlimited && off > 2 * m.leap);
   return may_be_lower && missing_share(m, force) > kEvidence;
@@ -48,7 +47,6 @@ bool has_released(const JointMotor& m, double reached, double force) {
 }
 
 void yield_at(JointMotor& m, double force) {
-  m.doubtful = !is_greatest(m, force) && !is_same(force, m.force);
   m.limit = m.greatest = std::fabs(force);
   m.side = direction(m, force);
   m.aim = m.foreseen;
@@ -62,8 +60,7 @@ void hold(JointMotor& m, double reached, double force, double dt) {
   m.trend = before * m.gained <= 0 ? 0 : std::fabs(before) < std::fabs(m.gained) ? before : m.gained;
   m.aim = reached;
   m.side = 0;
-  if (m.doubtful || size > (1 + kRoundingShare) * m.limit) m.limit = kUnlimited;
-  m.doubtful = false;
+  if (size > (1 + kRoundingShare) * m.limit) m.limit = kUnlimited;
   m.greatest = std::max(m.greatest, size);
 }
 

@@ -12,7 +12,6 @@
 //          of the force for it. If f is the largest of the motor so far, this is its limit. If it is less,
 //          the user has lowered the limit or changed the aim. It is taken for a lower limit if it is short by
 //          much, unless the motor was within a limit that is known, or its aim has changed by as much before.
-//          At a limit, f is the same in the next step. If it is not, the aim had changed.
 //
 // pybullet reports a wrong force of a motor that is off (Observer::forces_of_motors).
 //
@@ -44,7 +43,6 @@ struct JointMotor {
   int lets = 0;               // the same, of one that yields for the rest of the step
   bool solved = false;        // the step was solved with it
   bool known = false;         // it gave a force in the last step
-  bool doubtful = false;      // the limit is less than it gave before
 };
 
 class JointMotors {

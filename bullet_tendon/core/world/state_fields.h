@@ -46,7 +46,7 @@ struct StateFields {
   BT_FIELDS(Stop, wanted, missing, held_back, unstopped, coordinate, acts, admitted, ahead, dropped, least,
             most, side, motor, friction, constraint, yielded, given)
   BT_FIELDS(JointMotor, aim, gained, trend, leap, foreseen, needed, force, limit, greatest, side, lets,
-            solved, known, doubtful)
+            solved, known)
   BT_FIELDS(BodyStops, all_, directions_, pushes_, unstopped_, doubted_, rested_, broke_, yielded_, ignored_,
             by_pybullet_, limits, contacts, frictions, contacts_known, shifts, motors.all, motors.again,
             motors.soft, motors.reported, motors.reported_known, motors.reported_before, motors.off,
