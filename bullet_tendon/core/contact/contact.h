@@ -106,7 +106,6 @@ struct NormalForce {
   bool pressed = false;         // has a normal force in the linearisation
   bool direct = false;          // a constraint of the particle (Baraff and Witkin 1998), not a spring
   bool held = false;            // active direct contact
-  int changes = 0;              // how often a direct contact was released in this solve
   double first_gap = 0;         // gap at which it was first stiffened in the substep; 0: it was not [m]
   Squeezed squeezed = Squeezed::no;
 };

@@ -52,14 +52,11 @@ bool update_direct(Island& island, Contact& contact) {
   if (contact.normal_force.held) {
     // The residual at the particle is the force that the body supplies.
     contact.normal_force.value = std::max(0.0, dot(c.residual.at(i), contact.geometry.normal));
-    if (contact.normal_force.value == 0) {
-      contact.normal_force.held = false;
-      ++contact.normal_force.changes;
-    }
+    contact.normal_force.held = contact.normal_force.value > 0;
     return !contact.normal_force.held;
   }
   contact.normal_force.value = 0;
-  if (contact.geometry.gap >= 0 || contact.normal_force.changes >= kMostCorrections) return false;
+  if (contact.geometry.gap >= 0) return false;
   contact.normal_force.held = true;
   c.move(i, (-contact.geometry.gap) * contact.geometry.normal);
   return true;

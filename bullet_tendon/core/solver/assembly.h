@@ -5,9 +5,8 @@
 namespace bt {
 
 // Largest number of corrections of one kind within a solution [-]: of stiffenings of contacts that press at a
-// gap or a depth, of releases of a directly constrained particle, and of linear solutions for the friction
-// limits. More: contacts whose depth or limit cannot be corrected take iterations. Fewer: multipliers and
-// limits lag behind.
+// gap or a depth, and of linear solutions for the friction limits. More: contacts whose depth or limit cannot
+// be corrected take iterations. Fewer: multipliers and limits lag behind.
 constexpr int kMostCorrections = 8;
 
 struct Assembly {

@@ -152,10 +152,7 @@ bool is_rounding(Island& island, const Assembly& a, double last_residual, bool a
 void begin(Solution& s) {
   Island& island = s.island;
   island.result.left_predicted_region = false;
-  for (Contact* contact : island.contacts) {
-    contact->normal_force.held = false;
-    contact->normal_force.changes = 0;
-  }
+  for (Contact* contact : island.contacts) contact->normal_force.held = false;
   island.elements.curvature.clear();
   start_bodies(island);
   s.far = !s.context.warm;
