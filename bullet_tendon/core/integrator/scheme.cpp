@@ -16,10 +16,6 @@ namespace {
 // heaps keep vibrating with BDF2. Smaller: a tendon in contact that swings with a period of more than about
 // 17 steps loses second order.
 constexpr double kRough = 0.01;
-// A tendon in contact that is slower than this, in radii per second, takes all its steps by implicit Euler
-// [1/s]. Larger: tendons that are pulled slowly lose second order. Smaller: BDF2 keeps heaps from falling
-// asleep.
-constexpr double kCreep = 1e-3;
 
 bool moves_body(const Tendon& c) {
   return std::any_of(c.anchors.begin(), c.anchors.end(),
@@ -84,7 +80,7 @@ BT_VECTOR void find_velocities(Tendon& c) {
 }
 
 void finish_step(Tendon& c, const StepContext& context) {
-  c.smooth &= !c.touched || goes_smoothly(c, context.dt);
+  c.smooth &= !c.touched || !is_jolted(c, context.dt);
   c.x_before = c.x;
   c.v_before = c.v;
   c.x = c.x_new;
@@ -115,41 +111,20 @@ void finish_step(Tendon& c, const StepContext& context) {
 // change: the step in which they jump is solved again by implicit Euler, and so is the next one. It continues
 // one step after the motion is smooth again, so that smooth motion in contact keeps second order.
 
-namespace {
-
-// Sums of m v^2 over the particles [J].
-struct Change {
-  double jump = 0;  // of the difference between the velocities and the extrapolation of their last change
-  double all = 0;   // of the velocities at both ends of the step
-};
-
-Change change_of(const Tendon& c, double dt) {
+bool is_jolted(const Tendon& c, double dt) {
   const double growth = c.dt_before > 0 ? dt / c.dt_before : 0;
-  Change change;
+  // Sums of m v^2 over the particles [J]: of the difference between the velocities and the extrapolation of
+  // their last change, and of the velocities at both ends of the step.
+  double jump = 0, all = 0;
   for (int k = 0; k < 3; ++k) {
     const double *now = c.v_new[k], *v = c.v[k], *before = c.v_before[k];
     for (int i = 0; i < c.n(); ++i) {
       const double off = now[i] - v[i] - growth * (v[i] - before[i]);
-      change.jump += c.mass[i] * off * off;
-      change.all += c.mass[i] * (now[i] * now[i] + v[i] * v[i]);
+      jump += c.mass[i] * off * off;
+      all += c.mass[i] * (now[i] * now[i] + v[i] * v[i]);
     }
   }
-  return change;
-}
-
-}  // namespace
-
-bool is_jolted(const Tendon& c, double dt) {
-  const Change change = change_of(c, dt);
-  return change.jump > kRough * change.all;
-}
-
-bool goes_smoothly(const Tendon& c, double dt) {
-  const double creep = kCreep * c.radius;
-  const Change change = change_of(c, dt);
-  double least = 0;
-  for (double m : c.mass) least += 2 * m * creep * creep;
-  return change.jump <= kRough * change.all && change.all > least;
+  return jump > kRough * all;
 }
 
 namespace {

@@ -49,10 +49,7 @@ void begin_step(Tendon& c, const StepContext& context);
 
 // Computes v_new from the displacement.
 void find_velocities(Tendon& c);
-// Whether two-step methods may continue with a tendon that touches something, after a step of dt
-// (integrator/scheme.cpp).
-bool goes_smoothly(const Tendon& c, double dt);
-// Whether the velocities of a tendon jump in this step of dt.
+// Whether the velocities of a tendon jump in this step of dt (integrator/scheme.cpp).
 bool is_jolted(const Tendon& c, double dt);
 // Makes x_new and v_new the new state.
 void finish_step(Tendon& c, const StepContext& context);
