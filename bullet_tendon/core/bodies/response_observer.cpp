@@ -286,9 +286,6 @@ void Observer::learn(const Sample& now, const Numbers& gravity, const Circumstan
   // A response between none and the free one has an error e with |e|^2 <= |e.s|. An error that is twice that
   // has another cause.
   if (ee > 2 * std::fabs(es)) return;
-  // The motion of a body that the user moves changes slightly in every step, independently of the forces. So
-  // does the error of pybullet's sweeps over several stops of joints.
-  if ((es > 0 || of.jointed) && news <= kEvidence * kEvidence * whole) return;
   for (int i = 0; i < n_; ++i)
     for (int j = 0; j < n_; ++j) share_[i * n_ + j] += work_.e[i] * work_.e[j] / es;
   limit_share();

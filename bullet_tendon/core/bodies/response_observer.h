@@ -28,9 +28,9 @@ namespace bt {
 // it lacks, as a share of what was foreseen.
 constexpr double kLeastNews = 1e-3;
 // Smallest evidence of a changed response [-]: the error of the prediction as a share of the free response to
-// the change of the forces (of a held body that is released, to the forces), and, for an increased response
-// and for joints, the relative change of the forces. Of a motor, the same as above where it gave more before.
-// Larger: released light bodies are thrown. Smaller: steps of held bodies are solved twice.
+// the change of the forces (of a held body that is released, to the forces). Of a motor, the same as above
+// where it gave more before. Larger: released light bodies are thrown. Smaller: steps of held bodies are
+// solved twice.
 constexpr double kEvidence = 0.1;
 
 // Rate at which pybullet cuts off [m/s], [rad/s], and share of it from which a rate counts as cut off [-],
