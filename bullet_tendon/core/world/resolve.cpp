@@ -19,9 +19,6 @@ namespace {
 // of the tendon's length [-]. Larger: the response to a sudden force is a step late. Smaller: small impacts
 // are solved twice.
 constexpr double kSuddenPull = 1e-4;
-// Largest difference between the unpredicted motion and the unpredicted velocity times dt, as a share of the
-// motion [-]. They differ where pybullet takes substeps.
-constexpr double kSubsteps = 0.6;
 // Largest unpredicted rotation for which the step is solved again [rad]; the prediction uses lever arms at
 // the start. It is also the largest motion across the tendon, over the tendon's length [-], of a body whose
 // speed pybullet limited. Larger: bodies that spin gain energy.
@@ -118,17 +115,14 @@ std::vector<int> World::released_bodies() const {
 }
 
 // Stretch of a tendon by the motion of the attached point away from its particle, over the tendon's length
-// [-]. -1: the body turned too far, or pybullet limited its speed while it moved across the tendon. 0: the
-// motion does not agree with the velocity, because the user set the position or the velocity of the body.
+// [-]. -1: the body turned too far, or pybullet limited its speed while it moved across the tendon.
 double World::pulled_away(const Tendon& c, const Anchor& h) const {
   const Link& link = scene.links[h.link];
   const GeneralizedBody& body = scene.bodies[link.body];
   const dense::Numbers& missed = body.observer.missed();
   const double square = history_.last_step.dt * history_.last_step.dt;
   const Vec3 at = to_world(link.pose, h.local), here = c.x.at(h.particle), gone = at - here;
-  const Vec3 linear{missed[0], missed[1], missed[2]}, angular{missed[3], missed[4], missed[5]};
-  const Vec3 by_velocity = square * (linear + cross(angular, at - link.centre));
-  if (norm(gone - by_velocity) > kSubsteps * norm(gone)) return 0;
+  const Vec3 angular{missed[3], missed[4], missed[5]};
   double stretch = 0, length = 0, across = 0;
   for (double l : c.rest) length += l;
   for (int i : {h.particle - 1, h.particle + 1}) {
