@@ -441,7 +441,7 @@ class Equilibrium:
         """The step, in which nothing passes through anything, and the motion of particles in it."""
         motion, twists = at.motion, at.twists @ step
         if self.tendons is not None:
-            motion = self._core.carry_stretched(self.slots, twists, step @ motion)
+            motion = step @ motion
         share = self._core.safe_share(self.slots, twists, motion, self._measure)
         return share * step, share * motion
 

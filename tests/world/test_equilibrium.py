@@ -641,35 +641,6 @@ def test_the_stiffness_of_tendons_knows_that_mouths_move_and_turn(make_world, cl
     world._core.want_tendon_stiffness([])
 
 
-def test_a_tendon_whose_segments_a_motion_would_stretch_goes_with_what_holds_it(make_world, client):
-    """In a bore as the body, between it and another hold by its share of the way; not where it is taut."""
-    world = make_world(1 / 240, (0, 0, 0))
-    bone = through_a_moved_mouth(world, client, 0.0)
-    (tendon,), core, rest = world.tendons, world._core, world._relaxation()
-    slots = [world._bodies.find_slot(bone, -1)]
-    core.want_tendon_stiffness(slots)
-    assert rest.follow((0, 0, 0), 1e-6, 60)
-    centre, x = p.getBasePositionAndOrientation(bone, client)[0], tendon.positions
-    far = np.tile([0.0, 0.0, 1e-3, 0.0, 0.0, -1e-3], 30)  # every other particle up, and down
-
-    def moved(*twist):
-        return core.carry_stretched(slots, [twist], far.copy()).reshape(-1, 3)
-
-    turn = np.array([0, 0, 0.1])
-    up = moved(0, 0, 1e-3, *turn)
-    turned = Rotation.from_rotvec(turn).apply(x - centre) + centre + [0, 0, 1e-3]
-    inside = x[:, 2] < -1e-3
-    np.testing.assert_allclose((x + up)[inside], turned[inside], atol=1e-5)
-    assert not up[-1].any()
-    last = np.flatnonzero(inside)[-1] + 1
-    between = up[last:]
-    np.testing.assert_allclose(between, np.linspace(between[0], up[-1], len(between)), atol=1e-6)
-    assert not moved(0, 0, -2e-3, 0, 0, 0).any()
-    still = np.zeros(far.size)
-    np.testing.assert_array_equal(core.carry_stretched(slots, [[0, 0, 1e-3, 0, 0, 0]], still), still)
-    core.want_tendon_stiffness([])
-
-
 def test_a_body_on_a_loose_tendon_is_put_back(make_world, client):
     world = make_world(1 / 240, (0, 0, -G))
     body = block(client, 1.0, (0, 0, -0.1))

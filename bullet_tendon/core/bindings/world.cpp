@@ -311,11 +311,6 @@ void bind_steps(py::module_& m, GuardedWorld& world) {
       .def("tendon_stiffness", [](const World& w) { return by_twists(w, w.stiffness.matrix); })
       .def("tendon_motion", [](const World& w) { return by_twists(w, w.stiffness.motion); })
       .def("safe_share", &safe_share)
-      .def("carry_stretched",
-           [](const World& w, const std::vector<int>& slots, const Array& twists, Array motion) {
-             w.carry_stretched(twists_of(w, slots, twists), motion.mutable_data());
-             return motion;
-           })
       .def("carry_tendons", [](World& w, const Array& motion) { w.carry_tendons(motion.data()); })
       .def("coarse_turn",
            [](World& w, int tendon) {

@@ -6,11 +6,7 @@
 // the solution. Its Schur complement (solver/body_schur.cpp), less the identity of y, is the second
 // derivative of the tendons' potential by the twists of the links, with all particles at rest. Inertia and
 // damping of that step are no part of it: they are those of a step of endless length. The same factors give
-// the motion of the particles, by which they are carried to the next place of the bodies, if that does not
-// stretch segments much: where a tendon is nearly slack, nothing else does than the motion of its neighbours.
-// Such a tendon goes with what holds it, or a bore would move across what is in it.
-#include <algorithm>
-#include <cmath>
+// the motion of the particles, by which they are carried to the next place of the bodies.
 #include <utility>
 #include <vector>
 
@@ -27,19 +23,6 @@ constexpr int kTwist = 6;
 // Inertia over its square is 1e-8 of the mass per s^2: enough to keep the matrix of a slack tendon regular
 // [s].
 constexpr double kEndless = 1e4;
-// Change of a segment's length, over its rest length, above which a tendon is not carried so [-]. Larger:
-// steps are spent on the tension of segments that were slack. Smaller: a tendon is left behind that is taut.
-constexpr double kMostStretch = 0.02;
-constexpr int kFree = -2;  // neither attached nor in a bore
-
-bool stretches(const Tendon& c, const double* motion) {
-  for (int k = 0; k + 1 < c.n(); ++k, motion += 3) {
-    const Vec3 now = c.x.at(k + 1) - c.x.at(k);
-    const Vec3 then = now + Vec3{motion[3] - motion[0], motion[4] - motion[1], motion[5] - motion[2]};
-    if (std::fabs(norm(then) - norm(now)) > kMostStretch * c.rest[k]) return true;
-  }
-  return false;
-}
 
 GeneralizedBody body_of_one_link(int number) {
   GeneralizedBody body;
@@ -87,53 +70,6 @@ double World::safe_share(const std::vector<Twist>& of_links, const double* of_pa
   update_proximity(oracle);
   limit_motion();
   return step_.motion_limit;
-}
-
-void World::carry_stretched(const std::vector<Twist>& of_links, double* motion) const {
-  for (auto [slot, c] : filled(scene.tendons)) {
-    if (stretches(c, motion)) move_with_links(c, of_links, motion);
-    motion += 3 * c.n();
-  }
-}
-
-// The motion of what is attached to links, or in their bores, and by its share of the arc that of what is
-// between. None, if that makes taut segments longer.
-void World::move_with_links(const Tendon& c, const std::vector<Twist>& of_links, double* motion) const {
-  std::vector<int> link_of(c.n(), kFree);
-  for (int i = 0; i < c.n(); ++i)
-    if (c.tunnel_of[i] >= 0) link_of[i] = scene.tunnels[c.tunnel_of[i]]->link;
-  for (const Anchor& anchor : c.anchors)
-    if (!anchor.is_line) link_of[anchor.particle] = anchor.link;
-  std::vector<Vec3> moved(c.n());
-  int last = -1;
-  double arc = 0;  // from the last particle that a link moves [m]
-  for (int i = 0; i < c.n(); ++i) {
-    if (i > 0) arc += c.rest[i - 1];
-    if (link_of[i] == kFree) {
-      if (last >= 0) moved[i] = moved[last];
-      continue;
-    }
-    if (link_of[i] >= 0) {
-      const Twist& twist = of_links[link_of[i]];
-      const Vec3 way = twist.at(c.x.at(i) - scene.links[link_of[i]].centre);
-      moved[i] = way + 0.5 * cross(twist.angular, way);  // along an arc
-    }
-    double left = arc;
-    for (int j = i - 1; j > last; --j) {
-      left -= c.rest[j];
-      const double share = last < 0 ? 1 : left / arc;
-      moved[j] += share * (moved[i] - moved[j]);
-    }
-    last = i;
-    arc = 0;
-  }
-  for (int k = 0; k + 1 < c.n(); ++k) {
-    const Vec3 now = c.x.at(k + 1) - c.x.at(k);
-    const double longer = norm(now + moved[k + 1] - moved[k]) - std::max(norm(now), c.rest[k]);
-    if (longer > kMostStretch * c.rest[k]) moved.assign(c.n(), {});
-  }
-  for (const Vec3& m : moved)
-    for (const double x : {m.x, m.y, m.z}) *motion++ = x;
 }
 
 void World::carry_tendons(const double* motion) {

@@ -271,8 +271,6 @@ class World {
   // Share of a motion of links, and of all particles, one after the other, in which nothing passes through
   // anything, as in a step of time. Without particles, that of elements alone.
   double safe_share(const std::vector<Twist>& of_links, const double* of_particles, DistanceOracle& oracle);
-  // Of tendons whose segments a motion would stretch, it becomes that of the links that hold them.
-  void carry_stretched(const std::vector<Twist>& of_links, double* motion) const;
   // Moves all particles, one after the other, with bodies that are put elsewhere next.
   void carry_tendons(const double* motion);
   // The last step that was not `whole`.
@@ -480,7 +478,6 @@ class World {
   // world/tendon_stiffness.cpp
   void find_tendon_stiffness();
   void keep_held();
-  void move_with_links(const Tendon& c, const std::vector<Twist>& of_links, double* motion) const;
   Vec3 moved_since_held(const Contact& contact) const;
   bool linearise_tendons(Island& island);
   void make_islands();
