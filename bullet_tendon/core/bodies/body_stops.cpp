@@ -398,18 +398,16 @@ void BodyStops::find_pushes(const Body& of, const Numbers& forces, double dt) {
 // The rows under the forces for which the pushes were computed.
 BoundedRows BodyStops::rows(double dt) const { return {all_, work_.within, work_.left, work_.whole, dt}; }
 
-// A stop of speed begins to act only where the rates of this solution exceed it. Forces on a joint that was
-// stopped would move it, free, by far more than they last: one that was dropped is not tried again, because
-// no set of stops may agree with forces that change with the rotation. What is faster already has a higher
-// cut-off (changeDynamics). Returns whether any row may act.
+// A stop of speed begins to act only where the rates of this solution exceed it. What is faster already has a
+// higher cut-off (changeDynamics). Returns whether any row may act.
 bool BodyStops::admit(const Body& of, const Numbers& forces, double dt) {
   rates_under(forces, of.rates, of.root, of.change, dt, work_.half, work_.known);
   bool any = false;
   for (size_t a = 0; a < all_.size(); ++a) {
     Stop& s = all_[a];
-    s.admitted = s.sets_rate() || s.wanted > -kFastest || s.acts ||
-                 (!s.dropped && along(directions_, a, work_.known) < -kFastest &&
-                  along(directions_, a, of.rates) >= -kMostRate);
+    s.admitted =
+        s.sets_rate() || s.wanted > -kFastest || s.acts ||
+        (along(directions_, a, work_.known) < -kFastest && along(directions_, a, of.rates) >= -kMostRate);
     any |= s.admitted;
   }
   return any;
@@ -440,7 +438,6 @@ bool BodyStops::choose(const Body& of, const Numbers& forces, double dt) {
     const int side = rows(dt).side_of(a, pushes_[a]);
     // A stop acts if it changes the rate by more than rounding.
     const bool acts = s.sets_rate() ? side == 0 : s.held_back > kRoundingShare * work_.whole[a];
-    s.dropped |= s.acts && !acts;
     s.yielded |= s.motor && s.acts && !acts;
     other |= s.sets_rate() && side != s.side;
     s.side = side;

@@ -32,7 +32,6 @@ struct Stop {
   // Way to a limit that is not reached yet, so that pybullet does not act on it; negative: behind it [m],
   // [rad].
   double ahead = 0;
-  bool dropped = false;                 // it acted in this step, and does not any more
   double least = 0, most = kUnlimited;  // bounds of its force [N], [N m]
   int side = -1;  // its force is at the lower bound (-1) or at the upper one (1); 0: it acts
   bool motor = false;
