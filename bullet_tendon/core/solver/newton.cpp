@@ -18,9 +18,9 @@
 // line search on the slope of the potential shortens the step. Each step keeps the friction limits of the
 // last iterate. Near the solution, steps of the mixed method are taken, which converge faster, but only where
 // their matrix is definite: a straight tendon that is compressed is a saddle of the potential, which only the
-// descent leaves. One that leads far away, and up, is taken back. If this fails too, the Substepper cuts the
-// substep. If it cannot be cut, or the budget is exhausted, the end of the descent is accepted: the potential
-// bounds its energy, and bodies move as it does (correct_wrenches).
+// descent leaves. If this fails too, the Substepper cuts the substep. If it cannot be cut, or the budget is
+// exhausted, the end of the descent is accepted: the potential bounds its energy, and bodies move as it does
+// (correct_wrenches).
 #include <algorithm>
 #include <cmath>
 #include <utility>
@@ -111,8 +111,6 @@ struct Solution {
   int stiffened = 0;          // number of times that contacts were stiffened
   bool stepped = true;        // a step was taken since then
   double trusted = HUGE_VAL;  // residual of a descent below which mixed steps are tried [N]
-  bool revocable = false;     // the last step was a mixed one of a descent, and can be taken back
-  double last_potential = 0;  // before it [J]
   // Smallest residual [N] since contacts were stiffened, and the number of iterations since then.
   double smallest = HUGE_VAL;
   double first = 0;  // residual of the guess [N]
@@ -232,20 +230,6 @@ double potential(const Island& island) {
 void take_limits(Island& island) {
   for (Contact* contact : island.contacts)
     if (!contact->normal_force.direct) contact->limit_friction(contact->normal_force.value);
-}
-
-// Whether a mixed step of a descent led far away, and up.
-bool leads_up(const Solution& s) {
-  return s.revocable && s.far && !(potential(s.island) <= s.last_potential);
-}
-
-// Takes the last step back.
-void take_back(Solution& s) {
-  advance_along_arc(s.island, 1, 0);
-  residual_of(s.island, true, true);
-  take_limits(s.island);
-  s.searches = true;
-  s.revocable = false;
 }
 
 // Computes the residual at the iterate, and whether it is small enough.
@@ -486,7 +470,6 @@ bool find_step(Solution& s, const Assembly& a) {
 void take_step(Solution& s) {
   Island& island = s.island;
   s.stepped = true;
-  s.revocable = false;
   island.curved = false;
   if (s.searches) {
     line_search(s);
@@ -495,18 +478,14 @@ void take_step(Solution& s) {
     take_limits(island);
     return;
   }
-  if (s.descends) s.last_potential = potential(island);
   carry_springs(island);
   predict_contacts(island, s.keeps_limits);
   predict_anchors(island);
   advance_along_arc(island, 0, 1);
   // Contacts are stiff across the tendon. With contacts, the positions of particles matter more than the
   // lengths of segments.
-  if (s.turns && !touches(island)) {
+  if (s.turns && !touches(island))
     for (Tendon* c : island.tendons) keep_lengths(*c);
-    return;
-  }
-  s.revocable = s.descends;
 }
 
 // Resets the iterate: particles and bodies do not move in this substep, except for rigid anchors. The
@@ -552,10 +531,6 @@ void iterate(Solution& s) {
   Island& island = s.island;
   for (const int start = s.iteration;; ++s.iteration) {
     const Assembly a = judge(s);
-    if (leads_up(s)) {
-      take_back(s);
-      continue;
-    }
     const Next next = decide(s, a, start);
     if (next == Next::judge) continue;
     if (next == Next::stop || !find_step(s, a)) break;
