@@ -419,11 +419,14 @@ def test_a_motor_that_yields_to_an_impact_throws_nothing(make_world, client, dt,
     assert tendon.tension.min() == pytest.approx(load * 9.81, rel=0.1)
 
 
-def jaws_about_a_cord(world, client, mass, radius, cord, particles, slack, count=2):
-    """Two jaws, or one and an anvil, that slide towards a cord: box bodies, and slack as rest over length."""
+def jaws_about_a_cord(world, client, mass, radius, cord, particles, slack, count=2, away=3):
+    """Two jaws, or one and an anvil, that slide towards a cord: box bodies, and slack as rest over length.
+
+    away: from the cord's axis, in its radii.
+    """
     edge = 10 * radius
     box = p.createCollisionShape(p.GEOM_BOX, halfExtents=[edge, edge / 2, edge], physicsClientId=client)
-    places = [(0, side * (edge / 2 + 3 * radius), 0) for side in (-1, 1)[:count]]
+    places = [(0, side * (edge / 2 + away * radius), 0) for side in (-1, 1)[:count]]
     axes = [(0, 1, 0), (0, -1, 0)][:count]
     jaws = links_on_joints(client, p.JOINT_PRISMATIC, [mass] * count, axes, box, places)
     world.add_obstacle(jaws, friction=1.0)
@@ -466,6 +469,102 @@ def test_light_jaws_that_motors_close_on_a_cord_are_not_thrown_back(
         assert np.abs(rates).max() < most
     for joint in (0, 1):
         assert abs(world.wrench(jaws, joint)[1]) == pytest.approx(force, rel=1e-3)
+
+
+@pytest.mark.parametrize("share", [0.5, 5.0, 20.0])
+@pytest.mark.parametrize("radii", [0.7, 1.3, 1.9])
+@pytest.mark.parametrize("dt", [1 / 70, 1 / 240])
+@pytest.mark.parametrize("has_limits", [False, True])
+def test_jaws_that_come_at_a_steady_speed_close_on_a_cord(make_world, client, dt, radii, share, has_limits):
+    """On the way their motors give what pybullet's damping takes, and nothing else. radii: way in a step.
+
+    has_limits: their joints end behind the cord. What the motors could give moves a jaw that far in a step.
+    """
+    radius, force = 2e-3, 10.0
+    world = make_world(dt)
+    cord = bt.Material(stiffness=3e4, damping=20.0)
+    jaws = jaws_about_a_cord(world, client, force * dt / share, radius, cord, 21, 0.995, away=20)
+    limits = {"jointLowerLimit": 0.0, "jointUpperLimit": 24 * radius} if has_limits else {}
+    for joint in (0, 1):  # with pybullet's own damping
+        damping = {"linearDamping": 0.04, "angularDamping": 0.04}
+        p.changeDynamics(jaws, joint, **damping, **limits, physicsClientId=client)
+    speed = radii * radius / dt
+    drive(client, jaws, False, force, speed, 0)
+    for _ in range(round(19 / radii) + 40):
+        world.step()
+        assert world.report.converged
+        places, rates = np.transpose([p.getJointState(jaws, joint, client)[:2] for joint in (0, 1)])
+        assert np.abs(rates).max() < 1.1 * speed
+        assert places.max() < 19.1 * radius
+    assert places == pytest.approx([19 * radius] * 2, rel=1e-3)
+    pressed = [abs(world.wrench(jaws, joint)[1]) for joint in (0, 1)]
+    assert pressed == pytest.approx([force] * 2, rel=1e-3)
+
+
+GRIPPER = """<robot name="gripper">
+  <link name="base">
+    <inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>
+  </link>
+  {links}
+</robot>"""
+SLIDE = """<link name="{name}">
+    <inertial><mass value="{mass}"/>
+      <inertia ixx="1e-5" iyy="1e-5" izz="1e-5" ixy="0" ixz="0" iyz="0"/></inertial>{collision}
+  </link>
+  <joint name="to_{name}" type="prismatic">
+    <parent link="{parent}"/><child link="{name}"/><origin xyz="{at} 0 0"/><axis xyz="{axis}"/>
+    <limit lower="-0.1" upper="0.1" effort="1e4" velocity="10"/>
+  </joint>"""
+
+
+def gripper(client, folder, mass, size):
+    """A slide that lifts (joint 0) two balls on slides (joints 1 and 2), of this mass [kg] and radius [m]."""
+    ball = f'<collision><geometry><sphere radius="{size}"/></geometry></collision>'
+    lift = SLIDE.format(name="lift", mass=0.5, collision="", parent="base", at=0, axis="0 0 1")
+    jaws = [
+        SLIDE.format(
+            name=f"jaw{k}", mass=mass, collision=ball, parent="lift", at=0.03 * side, axis=f"{-side} 0 0"
+        )
+        for k, side in enumerate((-1, 1))
+    ]
+    path = folder / "gripper.urdf"
+    path.write_text(GRIPPER.format(links="".join([lift, *jaws])))
+    return p.loadURDF(str(path), [0, 0, -0.05], useFixedBase=True, physicsClientId=client)
+
+
+@pytest.mark.parametrize(
+    ("mass", "force", "stiffness"),
+    [
+        (0.036, 14.39, 63.8),
+        (0.03, 14.39, 63.8),
+        (0.036, 14.39, 30.0),
+        (0.036, 14.39, 200.0),
+        (0.042, 17.39, 63.8),
+    ],
+)
+def test_jaws_whose_motors_yield_are_not_stopped_at_the_ends_of_their_joints(
+    make_world, client, tmp_path, mass, force, stiffness
+):
+    """There the motors alone would push them in this step. They would squeeze the cord as if held there."""
+    radius, size, load = 0.00294, 0.005, 0.25
+    world = make_world(0.0142, (0, 0, -9.81))
+    cord = bt.Material(stiffness=stiffness, damping=0.01 * stiffness)
+    tendon = world.add_tendon([(0, 0, 0), (0, 0, -0.3)], radius, cord, 35)
+    tendon.grip(0)
+    tendon.set_point_mass(-1, load)
+    jaws = gripper(client, tmp_path, mass, size)
+    for joint in (1, 2):
+        world.add_obstacle(jaws, joint, friction=0.26)
+        goal = {"controlMode": p.VELOCITY_CONTROL, "targetVelocity": 0.3, "force": force}
+        p.setJointMotorControl2(jaws, joint, **goal, physicsClientId=client)
+    p.setJointMotorControl2(jaws, 0, p.POSITION_CONTROL, 0.0, force=1e4, physicsClientId=client)
+    for _ in range(60):
+        world.step()
+        assert world.report.converged
+        rates = [p.getJointState(jaws, joint, client)[1] for joint in (1, 2)]
+        assert np.abs(rates).max() < 0.31
+    reached = [p.getJointState(jaws, joint, client)[0] for joint in (1, 2)]
+    assert reached == pytest.approx([0.03 - size - radius] * 2, rel=1e-2)
 
 
 def drive(client, jaws, places, force, speed, goal):

@@ -400,6 +400,14 @@ BoundedRows BodyStops::rows(double dt) const { return {all_, work_.within, work_
 
 // A stop of speed begins to act only where the rates of this solution exceed it. What is faster already has a
 // higher cut-off (changeDynamics). Returns whether any row may act.
+// Whether a row stops what a motor that yields pushes. Such a motor pushes evenly in the whole step, but
+// never takes its joint beyond its aim, which is within the limits: another force of this step holds it back.
+bool BodyStops::stops_yielding_motor(size_t row) const {
+  const int i = all_[row].coordinate;
+  if (all_[row].motor || i < 0 || i >= static_cast<int>(motors.all.size())) return false;
+  return motors.all[i].lets * directions_[row * motors.all.size() + i] < 0;
+}
+
 bool BodyStops::admit(const Body& of, const Numbers& forces, double dt) {
   rates_under(forces, of.rates, of.root, of.change, dt, work_.half, work_.known);
   bool any = false;
@@ -408,6 +416,7 @@ bool BodyStops::admit(const Body& of, const Numbers& forces, double dt) {
     s.admitted =
         s.sets_rate() || s.wanted > -kFastest || s.acts ||
         (along(directions_, a, work_.known) < -kFastest && along(directions_, a, of.rates) >= -kMostRate);
+    s.admitted &= !stops_yielding_motor(a);
     any |= s.admitted;
   }
   return any;

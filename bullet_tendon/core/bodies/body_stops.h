@@ -110,6 +110,7 @@ class BodyStops {
   void push_steadily(const Body& of, const std::vector<int>& coordinates, double dt);
   void find_pushes(const Body& of, const Numbers& forces, double dt);
   BoundedRows rows(double dt) const;
+  bool stops_yielding_motor(size_t row) const;
   bool admit(const Body& of, const Numbers& forces, double dt);
   bool choose_motors(const Body& of, const Numbers& forces, double dt);
   bool pybullet_cuts_off(const Body& of, const Numbers& forces, double dt);

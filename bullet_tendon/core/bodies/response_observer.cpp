@@ -4,6 +4,8 @@
 #include <cmath>
 #include <utility>
 
+#include "bodies/bounded_rows.h"
+
 namespace bt {
 
 namespace {
@@ -84,7 +86,8 @@ bool Observer::sample(const Numbers& rates, const Numbers& gravity, const Number
 }
 
 // A motor of which the same force is reported as before was off if its joint moved as it does without it. It
-// is off until another force is reported.
+// is off until another force is reported. A joint that keeps its rate proves nothing: its motor may hold that
+// against a force that is not known here, as the damping that pybullet gives to links.
 Numbers Observer::forces_of_motors(const Numbers& rates, const Numbers& gravity, const Reported& reported) {
   Numbers forces(reported.now);
   reported.off.resize(forces.size());
@@ -98,7 +101,8 @@ Numbers Observer::forces_of_motors(const Numbers& rates, const Numbers& gravity,
   for (int i = 0; i < n_; ++i) {
     const double force = reported.now[i];
     const bool moved_without =
-        is_cut_off(rates[i]) || std::fabs(missed_[i] + force) < kStale * std::fabs(force);
+        is_cut_off(rates[i]) || (std::fabs(rates[i] - rates_[i]) > kSolverNoise &&
+                                 std::fabs(missed_[i] + force) < kStale * std::fabs(force));
     reported.off[i] = force == reported.before[i] && (reported.off[i] != 0 || moved_without);
     forces[i] = reported.off[i] != 0 ? 0 : force;
   }
