@@ -1074,3 +1074,55 @@ def laid_along_cords(scene):
     lifted = (momenta[-1] - momenta[half_way - 1]) / (scene.dt * (len(given) - half_way))
     own = sum(t.masses.sum() for t in scene.tendons) * G
     scene.near("what the hands carry [N]", np.mean(given[half_way:]), G * mass + own + lifted, rel=0.02)
+
+
+@family
+def gripped_cord(scene):
+    """Jaws that motors close on a hanging cord press it with their force, and hold its load when let go.
+
+    Beyond 100 m/s in a step pybullet cuts off what stops a jaw, before its motor acts.
+    """
+    scene.begin()
+    scene.energy = False  # the motors' work
+    load, radius, length = scene.log(0.01, 2), scene.log(5e-4, 3e-3), 0.3
+    material = scene.material(G * load, friction=1.0, damping=rounded(G * load * scene.log(0.3, 3)))
+    cord = scene.world.add_tendon([(0, 0, 0), (0, 0, -length)], radius, material, scene.whole(6, 40))
+    hand = cord.grip(0)
+    weight = scene.body("sphere", (0.01,), load, (0, 0, -length))
+    cord.attach(-1, weight)
+    friction, away = scene.flat(0.2, 1.0), scene.flat(0.01, 0.04)
+    kind, thick = scene.pick("box", "sphere", "capsule"), scene.flat(2, 5) * radius
+    sizes = {"box": (2 * thick, 6 * thick, 8 * thick), "sphere": (thick,), "capsule": (thick, 4 * thick)}[
+        kind
+    ]
+    shape = scene.shape(kind, sizes)
+    places = [[side * (away + thick + radius), 0, -scene.flat(0.03, 0.1)] for side in (-1, 1)]
+    places[1][2] = places[0][2]
+    # The load begins at the slack cord, which it may pull by three times its weight.
+    force = rounded(scene.flat(4, 12) * G * (load + float(cord._target.masses.sum())) / (2 * friction))
+    time = scene.steps * scene.dt
+    speed = rounded(away / (scene.flat(0.1, 0.3) * time))
+    soon = force * 0.1 * time / speed
+    mass = rounded(max(min(scene.log(0.01, 0.3), soon), force * scene.dt / 50))
+    jaws = jointed(scene, scene.raw.JOINT_PRISMATIC, [mass] * 2, shape, places, [[1, 0, 0], [-1, 0, 0]])
+    for k in range(2):
+        scene.p.changeDynamics(jaws, k, linearDamping=0.04, angularDamping=0.04)  # pybullet's own
+        scene.obstacle(jaws, k, kind, sizes, friction)
+        scene.p.setJointMotorControl2(jaws, k, scene.raw.VELOCITY_CONTROL, targetVelocity=speed, force=force)
+
+    def watch():
+        for k in range(2):
+            rate = scene.raw.getJointState(jaws, k)[1]
+            scene.check(
+                abs(rate) < 1.2 * speed, f"jaw {k} moves by {rate:.4g} m/s (its motor by {speed:.4g})"
+            )
+
+    scene.run(scene.steps // 2, watch=watch)
+    reached = [scene.raw.getJointState(jaws, k)[0] for k in range(2)]
+    scene.near("places of the jaws [m]", reached, [away, away], rel=0.02, absolute=0.1 * radius)
+    pressed = [abs(scene.world._target.wrench(jaws, k)[0]) for k in range(2)]
+    scene.near("what the jaws press with [N]", pressed, [force, force], rel=0.02)
+    hand.release()  # what was above the jaws falls on them, and between them
+    scene.run(scene.steps - scene.steps // 2)
+    fallen = -length - scene.place(weight)[0][2]
+    scene.check(fallen < 0.35 * length, f"the load falls by {fallen:.4g} m")
