@@ -17,6 +17,9 @@ constexpr double kTrusted = 0.5;
 // Largest error of the force on a joint without its motor, over what is reported, of a motor that was off
 // [-].
 constexpr double kStale = 0.5;
+// Twice the damping of links that pybullet takes without being told, at small rates [1/s]. Larger: motors
+// that were switched off count as on. Smaller: those that move jaws steadily count as off.
+constexpr double kLinkDamping = 0.08;
 
 bool is_cut_off(double rate) { return std::fabs(rate) >= kCutOff * kMostRate; }
 
@@ -86,8 +89,8 @@ bool Observer::sample(const Numbers& rates, const Numbers& gravity, const Number
 }
 
 // A motor of which the same force is reported as before was off if its joint moved as it does without it. It
-// is off until another force is reported. A joint that keeps its rate proves nothing: its motor may hold that
-// against a force that is not known here, as the damping that pybullet gives to links.
+// is off until another force is reported. A joint that goes on at its rate proves nothing where the force is
+// no more than the damping that pybullet gives to links, which is not known here: its motor may hold it.
 Numbers Observer::forces_of_motors(const Numbers& rates, const Numbers& gravity, const Reported& reported) {
   Numbers forces(reported.now);
   reported.off.resize(forces.size());
@@ -98,11 +101,14 @@ Numbers Observer::forces_of_motors(const Numbers& rates, const Numbers& gravity,
   measure(rates, gravity, forces);
   compare(work_.now);
   dense::solve(root_, missed_);  // generalized forces
+  work_.momenta = rates;
+  dense::solve(root_, work_.momenta);
   for (int i = 0; i < n_; ++i) {
     const double force = reported.now[i];
+    const double damping = kLinkDamping * (1 + std::fabs(rates[i])) * std::fabs(work_.momenta[i]);
+    const bool goes_on = std::fabs(rates[i] - rates_[i]) <= kSolverNoise && std::fabs(force) <= damping;
     const bool moved_without =
-        is_cut_off(rates[i]) || (std::fabs(rates[i] - rates_[i]) > kSolverNoise &&
-                                 std::fabs(missed_[i] + force) < kStale * std::fabs(force));
+        is_cut_off(rates[i]) || (!goes_on && std::fabs(missed_[i] + force) < kStale * std::fabs(force));
     reported.off[i] = force == reported.before[i] && (reported.off[i] != 0 || moved_without);
     forces[i] = reported.off[i] != 0 ? 0 : force;
   }

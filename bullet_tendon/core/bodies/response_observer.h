@@ -150,7 +150,7 @@ class Observer {
   };
   struct Workspace {
     Sample now;
-    dense::Scratch s, e, one, other, turned, vectors;
+    dense::Scratch s, e, one, other, turned, vectors, momenta;
   };
 
   int n_ = 0;
