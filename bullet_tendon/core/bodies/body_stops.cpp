@@ -398,8 +398,6 @@ void BodyStops::find_pushes(const Body& of, const Numbers& forces, double dt) {
 // The rows under the forces for which the pushes were computed.
 BoundedRows BodyStops::rows(double dt) const { return {all_, work_.within, work_.left, work_.whole, dt}; }
 
-// A stop of speed begins to act only where the rates of this solution exceed it. What is faster already has a
-// higher cut-off (changeDynamics). Returns whether any row may act.
 // Whether a row stops what a motor that yields pushes. Such a motor pushes evenly in the whole step, but
 // never takes its joint beyond its aim, which is within the limits: another force of this step holds it back.
 bool BodyStops::stops_yielding_motor(size_t row) const {
@@ -408,6 +406,8 @@ bool BodyStops::stops_yielding_motor(size_t row) const {
   return motors.all[i].lets * directions_[row * motors.all.size() + i] < 0;
 }
 
+// A stop of speed begins to act only where the rates of this solution exceed it. What is faster already has a
+// higher cut-off (changeDynamics). Returns whether any row may act.
 bool BodyStops::admit(const Body& of, const Numbers& forces, double dt) {
   rates_under(forces, of.rates, of.root, of.change, dt, work_.half, work_.known);
   bool any = false;
