@@ -171,6 +171,15 @@ def free_ball(client, mass, at=(0, 0, 0), radius=0.01):
     return body
 
 
+def block(client, mass, at=(0, 0, 0), half=(0.02, 0.03, 0.05), **dynamics):
+    """A box that pybullet neither damps nor lets collide. dynamics: of p.changeDynamics."""
+    shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=half, physicsClientId=client)
+    body = p.createMultiBody(mass, shape, -1, at, physicsClientId=client)
+    p.changeDynamics(body, -1, **UNDAMPED, **dynamics, physicsClientId=client)
+    p.setCollisionFilterGroupMask(body, -1, 0, 0, client)
+    return body
+
+
 def links_on_joints(client, kind, masses, axes, shape=-1, places=((0, 0, 0),), centre=(0, 0, 0)):
     """A fixed base with a link of each mass [kg] on a joint of this kind, without damping.
 

@@ -73,10 +73,9 @@ def test_a_body_that_is_laid_on_two_cords_rests_on_them(
 
 
 @pytest.mark.parametrize(
-    ("particles", "mass", "yaw", "most"),
-    [(5, 0.05, 0.1, 480), (9, 0.05, 0.1, 240), (17, 0.005, 0.1, 240), (17, 0.05, 0.05, 240)],
+    ("particles", "mass", "yaw"), [(5, 0.05, 0.1), (9, 0.05, 0.1), (17, 0.005, 0.1), (17, 0.05, 0.05)]
 )
-def test_a_cylinder_that_rests_obliquely(make_world, client, particles, mass, yaw, most):
+def test_a_cylinder_that_rests_obliquely(make_world, client, particles, mass, yaw):
     """The body turns as its contacts do, so that a step of what does not move is few solutions.
 
     With five particles, segments begin each step as lying along it, and are found to cross it.
@@ -89,7 +88,7 @@ def test_a_cylinder_that_rests_obliquely(make_world, client, particles, mass, ya
         world.step()
         assert world.report.converged
         solutions.append(world.report.counts["linear_solves"])
-    assert sum(solutions[-30:]) < most
+    assert sum(solutions[-30:]) < 240
     assert np.linalg.norm(p.getBaseVelocity(body, physicsClientId=client)[1]) < 1e-3
     weight = 9.81 * (mass + sum(t.masses.sum() for t in world.tendons))
     assert sum(hold.force[2] for hold in holds) == pytest.approx(-weight, rel=1e-3)

@@ -5,20 +5,12 @@ import math
 import numpy as np
 import pybullet as p
 import pytest
+from link_scenes import block
 
 import bullet_tendon as bt
 from bullet_tendon import _core
 
 G = 9.81
-
-
-def block(client, mass, at=(0, 0, 0), half=(0.02, 0.03, 0.05), **dynamics):
-    """A box that collides with nothing and that pybullet does not damp."""
-    shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=half, physicsClientId=client)
-    body = p.createMultiBody(mass, shape, -1, at, physicsClientId=client)
-    p.changeDynamics(body, -1, linearDamping=0, angularDamping=0, physicsClientId=client, **dynamics)
-    p.setCollisionFilterGroupMask(body, -1, 0, 0, client)
-    return body
 
 
 def arm(client, lengths=(0.3, 0.25), axes=((0, 1, 0), (0.6, 0.8, 0))):

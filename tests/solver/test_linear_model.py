@@ -7,6 +7,7 @@ both sides, and the forces have to change by -g.
 import numpy as np
 import pybullet as p
 import pytest
+from link_scenes import block
 
 import bullet_tendon as bt
 from bullet_tendon._core import testing
@@ -54,20 +55,12 @@ def test_a_held_bore_and_its_mouth(make_world):
     assert np.median(errors) <= 1e-5
 
 
-def free_block(client, half, mass, at):
-    """A free body without damping, of these half edges."""
-    shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=half, physicsClientId=client)
-    body = p.createMultiBody(mass, shape, -1, at, physicsClientId=client)
-    p.changeDynamics(body, -1, linearDamping=0, angularDamping=0, physicsClientId=client)
-    return body
-
-
 @pytest.mark.parametrize("spin", [0, 10, 40])
 @pytest.mark.parametrize("mass", [0.01, 0.1, 1.0])
 def test_a_bead_that_turns_on_its_mouths(make_world, client, mass, spin):
     """Force and torque of the mouths, by the motion of the particles and the turn of the body."""
     world, half = make_world(1 / 240, gravity=(0, 0, -9.81)), 0.01
-    bead = free_block(client, [half] * 3, mass, (0.003, 0, 0))
+    bead = block(client, mass, (0.003, 0, 0), [half] * 3)
     world.add_tunnel(bead, -1, (-half, 0, 0.004), (half, 0, 0.004), 0.003, friction=0.0)
     law = bt.Material(stiffness=2000.0, density=1100.0, damping=1.0)
     t = world.add_tendon([(-0.1, 0, 0.004), (0.1, 0, 0.0042)], 1e-3, law, particles=24, rest_length=0.2)
@@ -81,12 +74,12 @@ def test_a_bead_that_turns_on_its_mouths(make_world, client, mass, spin):
 def test_a_bore_that_turns_along_a_cord_that_slides(make_world, client):
     """Where a particle has slid along the bore, its wall moves as the body turns there."""
     world, half = make_world(1 / 240), 0.05
-    block = free_block(client, [half, 0.01, 0.01], 0.3, (0, 0, 0))
-    world.add_tunnel(block, -1, (-half, 0, 0), (half, 0, 0), 0.006, friction=0.0)
+    body = block(client, 0.3, half=[half, 0.01, 0.01])
+    world.add_tunnel(body, -1, (-half, 0, 0), (half, 0, 0), 0.006, friction=0.0)
     law = bt.Material(stiffness=2000.0, density=1100.0, damping=1.0)
     t = world.add_tendon([(-0.04, 0, 0), (0.03, 0, 0)], 0.004, law, particles=12)
     t.set_positions(t.positions, np.tile([1.0, 0, 0], (12, 1)))
-    p.resetBaseVelocity(block, [0, 0, 0], [0, 6, 3], physicsClientId=client)
+    p.resetBaseVelocity(body, [0, 0, 0], [0, 6, 3], physicsClientId=client)
     errors = []
     testing.watch_models(world._core, MOVE, errors.append)
     pressed = 0

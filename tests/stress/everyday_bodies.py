@@ -4,15 +4,12 @@ import math
 
 import numpy as np
 from everyday_scene import File, G, Scene, family, rounded
+from link_scenes import cube
 from scipy.optimize import minimize
 
 import bullet_tendon as bt
 
 SIZE = 0.02  # m, of a body
-# Triangles of a box: corners 0 to 3 are around one end, 4 to 7 beside them around the other.
-SIDES = [[k, (k + 1) % 4, 4 + (k + 1) % 4] for k in range(4)]
-SIDES += [[k, 4 + (k + 1) % 4, 4 + k] for k in range(4)]
-CUBE = [*SIDES, [0, 2, 1], [0, 3, 2], [4, 5, 6], [4, 6, 7]]
 
 
 def load(scene: Scene, mass, at=(0, 0, 0), size=SIZE):
@@ -966,6 +963,12 @@ def held_in_jaws(scene):
     scene.check(fallen < 0.1 * size, f"the box slips by {fallen:.4g} m")
 
 
+def lifting(scene, momenta):
+    """The mean force that gives bodies the change of their momenta in the second half of the steps [N]."""
+    half = len(momenta) // 2
+    return (momenta[-1] - momenta[half - 1]) / (scene.dt * (len(momenta) - half))
+
+
 @family
 def loaded_tray(scene):
     """A tray on four cords, with boxes that stand on it or drop onto it: the cords carry all of them.
@@ -1002,9 +1005,8 @@ def loaded_tray(scene):
 
     scene.run(scene.steps, watch=watch)
     scene.check(min(heights) > 0.015, f"a box is {min(heights):.4g} m above the middle of the tray")
-    half = scene.steps // 2
-    carried = np.mean(given[half:])
-    lifted = (momenta[-1] - momenta[half - 1]) / (scene.dt * (len(given) - half))
+    carried = np.mean(given[scene.steps // 2 :])
+    lifted = lifting(scene, momenta)
     own = sum(cord._target.masses.sum() for cord in cords) * G
     scene.near("what the cords carry [N]", carried, weight + lifted, rel=0.02, absolute=own)
 
@@ -1014,18 +1016,19 @@ def bar(scene, kind, half, length, mass, at, turn, friction):
     box = (2 * half, 2 * half, length)
     if kind in ("cylinder", "capsule", "box"):
         return scene.body(kind, box if kind == "box" else (half, length), mass, at, turn, friction)
-    sides = 4 if kind in ("hull", "faces") else scene.pick(6, 12, 32)
-    angles = 2 * np.pi * (np.arange(sides) + 0.5) / sides
-    wide = np.sqrt(2) * half if sides == 4 else half
-    corners = [[wide * np.cos(a), wide * np.sin(a), z] for z in (-length / 2, length / 2) for a in angles]
+    if kind == "prism":
+        sides = scene.pick(6, 12, 32)
+        angles = 2 * np.pi * (np.arange(sides) + 0.5) / sides
+        ends = (-length / 2, length / 2)
+        corners = [(half * np.cos(a), half * np.sin(a), z) for z in ends for a in angles]
+        inner = "cylinder", (half * np.cos(np.pi / sides), length)  # what is in a facet's rise is not judged
+    else:
+        corners, faces = cube(1)
+        corners, inner = corners * [half, half, length / 2], ("box", box)
     shape = scene.p.createCollisionShape(scene.raw.GEOM_MESH, vertices=corners)
-    body = scene.p.createMultiBody(mass, shape, -1, list(at), list(turn))
-    scene.p.changeDynamics(body, -1, linearDamping=0, angularDamping=0)
-    scene.free.append(body)
-    triangles = {"convex": False, "meshes": [(corners, CUBE)]} if kind == "faces" else {}
+    body = scene.body_of(shape, mass, at, turn)
+    triangles = {"convex": False, "meshes": [(corners, faces)]} if kind == "faces" else {}
     scene.world.add_obstacle(body, friction=friction, **triangles)
-    # A cylinder within the prism; what is as far from both as a facet's rise is not judged.
-    inner = ("box", box) if sides == 4 else ("cylinder", (half * np.cos(np.pi / sides), length))
     scene.solids.append((body, -1, *inner))
     return body
 
@@ -1070,10 +1073,9 @@ def laid_along_cords(scene):
         scene.check(aside < 0.5 * half + drop, f"the bar has moved aside by {aside:.4g} m")
 
     scene.run(scene.steps, watch=watch)
-    half_way = scene.steps // 2
-    lifted = (momenta[-1] - momenta[half_way - 1]) / (scene.dt * (len(given) - half_way))
-    own = sum(t.masses.sum() for t in scene.tendons) * G
-    scene.near("what the hands carry [N]", np.mean(given[half_way:]), G * mass + own + lifted, rel=0.02)
+    weight = G * (mass + sum(t.masses.sum() for t in scene.tendons))
+    carried = np.mean(given[scene.steps // 2 :])
+    scene.near("what the hands carry [N]", carried, weight + lifting(scene, momenta), rel=0.02)
 
 
 @family
@@ -1092,9 +1094,8 @@ def gripped_cord(scene):
     cord.attach(-1, weight)
     friction, away = scene.flat(0.2, 1.0), scene.flat(0.01, 0.04)
     kind, thick = scene.pick("box", "sphere", "capsule"), scene.flat(2, 5) * radius
-    sizes = {"box": (2 * thick, 6 * thick, 8 * thick), "sphere": (thick,), "capsule": (thick, 4 * thick)}[
-        kind
-    ]
+    sizes = {"box": (2 * thick, 6 * thick, 8 * thick), "sphere": (thick,), "capsule": (thick, 4 * thick)}
+    sizes = sizes[kind]
     shape = scene.shape(kind, sizes)
     places = [[side * (away + thick + radius), 0, -scene.flat(0.07, 0.1)] for side in (-1, 1)]
     places[1][2] = places[0][2]
@@ -1111,15 +1112,16 @@ def gripped_cord(scene):
         scene.p.setJointMotorControl2(jaws, k, scene.raw.VELOCITY_CONTROL, targetVelocity=speed, force=force)
 
     heights = []
-    measure = lambda: heights.append(scene.place(weight)[0][2])  # noqa: E731
+
+    def measure():
+        heights.append(scene.place(weight)[0][2])
 
     def watch():
         measure()
         for k in range(2):
             rate = scene.raw.getJointState(jaws, k)[1]
-            scene.check(
-                abs(rate) < 1.2 * speed, f"jaw {k} moves by {rate:.4g} m/s (its motor by {speed:.4g})"
-            )
+            message = f"jaw {k} moves by {rate:.4g} m/s (its motor by {speed:.4g})"
+            scene.check(abs(rate) < 1.2 * speed, message)
 
     scene.run(scene.steps // 2, watch=watch)
     reached = [scene.raw.getJointState(jaws, k)[0] for k in range(2)]

@@ -311,13 +311,17 @@ class Scene:
 
     def body(self, kind, sizes, mass=0.0, at=(0, 0, 0), turn=(0, 0, 0, 1), friction=None) -> Named:
         """A body of one shape, without damping; friction: of an obstacle (None: it is none)."""
-        shape = self.shape(kind, sizes)
+        body = self.body_of(self.shape(kind, sizes), mass, at, turn)
+        if friction is not None:
+            self.obstacle(body, -1, kind, sizes, friction)
+        return body
+
+    def body_of(self, shape, mass, at, turn) -> Named:
+        """A body of a shape that pybullet knows, without damping."""
         body = self.p.createMultiBody(mass, shape, -1, list(at), list(turn))
         if mass:
             self.p.changeDynamics(body, -1, linearDamping=0, angularDamping=0)
             self.free.append(body)
-        if friction is not None:
-            self.obstacle(body, -1, kind, sizes, friction)
         return body
 
     def obstacle(self, body, link, kind, sizes, friction):

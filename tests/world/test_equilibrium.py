@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pybullet as p
 import pytest
-from link_scenes import links_on_joints
+from link_scenes import block, links_on_joints
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
@@ -13,15 +13,6 @@ import bullet_tendon as bt
 from bullet_tendon.equilibrium import Equilibrium, HeldTendons
 
 G = 9.81
-
-
-def block(client, mass, at=(0, 0, 0), half=(0.02, 0.03, 0.05)):
-    """A box that pybullet neither damps nor lets collide."""
-    shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=half, physicsClientId=client)
-    body = p.createMultiBody(mass, shape, -1, at, physicsClientId=client)
-    p.changeDynamics(body, -1, linearDamping=0, angularDamping=0, physicsClientId=client)
-    p.setCollisionFilterGroupMask(body, -1, 0, 0, client)
-    return body
 
 
 def place(body, client):
