@@ -99,6 +99,7 @@ class Bodies:
         self._slots: dict[tuple[int, int], int] = {}
         self._bodies: list | None = None  # generalized, of the links in use
         self._members: dict[int, tuple[int, ...]] = {}  # of the generalized bodies, by slot
+        self._moved_together: list[tuple[int, ...]] = []  # the same in the last step
         self._contacts = Contacts(client)
         self._touching: list[tuple[int, int]] = []  # bodies that touch each other
         self._movable: dict[int, int] = {}  # bodies that are used, and that something moves: with their rates
@@ -202,8 +203,10 @@ class Bodies:
         self.require_alive()
         for slot in self._unused:
             self._core.clear_link(slot)
+        before = list(self._members.values())
         self._read_constraints()
         self._read_touching()
+        self._moved_together = before if self._members else []  # none: a state was restored
         for body in self._generalized():
             if not body.read(self._core, self._constraints, self._contacts):
                 allowed = "a body with finite pose, velocity and inertia"
@@ -430,5 +433,6 @@ class Bodies:
         changes too. Degrees of freedom that a joint's limit kept from moving in it do not answer.
         """
         body = self.links[slot][0]
-        members = next(found.members for found in self._generalized() if body in found.members)
+        together = self._moved_together or [found.members for found in self._generalized()]
+        members = next(members for members in together if body in members)
         exchange_wrench(members, *self._core.response(slot), old, new, dt, self.client)
