@@ -116,7 +116,7 @@ int read_link(World& w, int slot, const py::tuple& info, const py::tuple& where,
   if (!is_finite(w, slot)) return 0;
   GeneralizedBody& m = w.scene.bodies[slot];
   if (m.stops.contacts_known) return 1;
-  if (falls && m.may_rest(w.gravity())) return 2;
+  if (falls) return 2;
   m.stops.contacts.clear();
   return 1;
 }
@@ -139,7 +139,6 @@ void set_contacts(World& w, int slot, const py::tuple& points, const Links& immo
   if (keep && m.stops.contacts_known) return;
   m.stops.contacts.clear();
   m.stops.contacts_known = keep;
-  if (keep && !m.may_rest(w.gravity())) return;
   for (const py::handle& point : points) {
     const std::pair<int, int> other{static_cast<int>(number(point.ptr(), 2)),
                                     static_cast<int>(number(point.ptr(), 4))};

@@ -138,12 +138,6 @@ bool GeneralizedBody::limit_hold(double dt) {
   return observer.limit_hold(work_.forces, dt);
 }
 
-bool GeneralizedBody::may_rest(Vec3 gravity) const {
-  const double pushed = std::sqrt(dense::dot(observer.push(), observer.push()));
-  return stops.act() || observer.held() || observer.is_new() || norm(gravity) == 0 ||
-         pushed > kLeastStopped * norm(gravity);
-}
-
 bool GeneralizedBody::settle_stops(double dt) {
   if (!stops.any() || !stops.choose(stopped(), forces, dt)) return false;
   stops.act_on(stopped(), dt);

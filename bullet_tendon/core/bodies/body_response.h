@@ -88,8 +88,6 @@ struct GeneralizedBody {
   bool point_mass = false;  // it is a spring in the tendon's matrix (World::aim_attachments)
   BodyUnknowns unknowns;
 
-  // Whether contacts may determine its motion.
-  bool may_rest(Vec3 gravity) const;
   int n() const { return static_cast<int>(rates.size()); }
   // Whether it is more than a rigid body: joints have two limits each, wherever they are.
   bool is_jointed() const { return !stops.limits.empty() || n() > 6; }

@@ -14,8 +14,7 @@
 
 namespace bt {
 
-// A stop exists if it corrected at least this share of the rate that was missing, and may exist if something
-// that is not known undoes this share of gravity [-].
+// A stop exists if it corrected at least this share of the rate that was missing [-].
 constexpr double kLeastStopped = 0.5;
 
 class BodyStops {
