@@ -12,8 +12,12 @@ ANGLES = [0.01, 0.6, 1.1, 2.5]
 CORNER = np.pi / 4
 
 
-def rotated(begun, by, arms, forces):
-    return _core.testing.finite_rotation_term(begun, by, np.atleast_2d(arms), np.atleast_2d(forces))
+# About which a body turns first: none, or that of its least moment of inertia.
+AXES = [np.zeros(3), np.array([0.48, 0.64, 0.6])]
+
+
+def rotated(axis, begun, by, arms, forces):
+    return _core.testing.finite_rotation_term(axis, begun, by, np.atleast_2d(arms), np.atleast_2d(forces))
 
 
 def random_case(angle, seed):
@@ -30,14 +34,15 @@ def derivative(of, h=1e-5):
 
 
 @pytest.mark.parametrize("angle", [*ANGLES, CORNER])
+@pytest.mark.parametrize("axis", AXES)
 @pytest.mark.parametrize("seed", range(3))
-def test_stiffness_is_the_derivative_of_the_torque(angle, seed):
+def test_stiffness_is_the_derivative_of_the_torque(angle, seed, axis):
     """Its symmetric part, for constant forces at points that the rotation moves."""
     begun, by, arms, forces = random_case(angle, seed)
-    _, _, stiffness = rotated(begun, by, arms, forces)
+    stiffness = rotated(axis, begun, by, arms, forces)[2]
 
     def torque(step):
-        return np.array(rotated(begun, by + step, arms, forces)[1])
+        return np.array(rotated(axis, begun, by + step, arms, forces)[1])
 
     slope = derivative(torque)
     size = np.abs(arms).max() * np.abs(forces).max()
@@ -45,18 +50,37 @@ def test_stiffness_is_the_derivative_of_the_torque(angle, seed):
 
 
 @pytest.mark.parametrize("angle", ANGLES)
+@pytest.mark.parametrize("axis", AXES)
 @pytest.mark.parametrize("seed", range(3))
-def test_torque_is_the_virtual_work_of_the_forces(angle, seed):
+def test_torque_is_the_virtual_work_of_the_forces(angle, seed, axis):
     """Its product with a change of the rotation vector is force times motion of the points."""
     begun, by, arms, forces = random_case(angle, seed)
-    torque = np.array(rotated(begun, by, arms, forces)[1])
+    torque = np.array(rotated(axis, begun, by, arms, forces)[1])
 
     def work(step):
-        return np.sum((arms @ rotated(begun, by + step, arms, forces)[0].T) * forces)
+        return np.sum((arms @ rotated(axis, begun, by + step, arms, forces)[0].T) * forces)
 
     np.testing.assert_allclose(
         torque, derivative(work), atol=1e-8 * np.abs(arms).max() * np.abs(forces).max()
     )
+
+
+@pytest.mark.parametrize("angle", [*ANGLES, CORNER])
+@pytest.mark.parametrize("seed", range(3))
+def test_pybullet_is_given_the_rotation_vector_that_takes_a_slender_body_there(angle, seed):
+    begun, by, arms, forces = random_case(0.9 * angle, seed)
+    rotation, *_, beyond = rotated(AXES[1], begun, by, arms, forces)
+    as_pybullet = rotated(AXES[0], begun, by + beyond, arms, forces)[0]
+    np.testing.assert_allclose(rotation, as_pybullet, atol=1e-9)
+
+
+@pytest.mark.parametrize("angle", ANGLES)
+@pytest.mark.parametrize("seed", range(3))
+def test_points_on_the_axis_of_a_slender_body_do_not_move_as_it_turns_about_it(angle, seed):
+    _, by, arms, forces = random_case(angle, seed)
+    on_axis = np.outer(arms[:, 0], AXES[1])
+    torque = np.array(rotated(AXES[1], np.zeros(3), by, on_axis, forces)[1])
+    assert abs(torque @ AXES[1]) < 1e-12 * np.linalg.norm(torque)
 
 
 @pytest.mark.parametrize("angle", ANGLES)
@@ -71,7 +95,7 @@ def test_rotation_is_that_of_pybullet(client, angle):
     p.resetBaseVelocity(body, [0, 0, 0], theta / dt, client)
     p.stepSimulation(client)
     turned = np.reshape(p.getMatrixFromQuaternion(p.getBasePositionAndOrientation(body, client)[1]), (3, 3))
-    rotation = rotated(np.zeros(3), theta, np.zeros((1, 3)), np.zeros((1, 3)))[0]
+    rotation = rotated(AXES[0], np.zeros(3), theta, np.zeros((1, 3)), np.zeros((1, 3)))[0]
     np.testing.assert_allclose(rotation, turned, atol=1e-12)
 
 
@@ -81,5 +105,5 @@ def test_rotation_goes_smoothly_round_the_corner_of_pybullets(off):
     theta = (CORNER + off) * np.array([0.6, -0.48, 0.64])
     c = np.tan(np.pi / 8) / CORNER
     angle = min(CORNER + off, 2 * np.arctan(c * (CORNER + off)))
-    rotation = np.array(rotated(np.zeros(3), theta, np.zeros((1, 3)), np.zeros((1, 3)))[0])
+    rotation = np.array(rotated(AXES[0], np.zeros(3), theta, np.zeros((1, 3)), np.zeros((1, 3)))[0])
     assert np.arccos((np.trace(rotation) - 1) / 2) == pytest.approx(angle, abs=1e-4)

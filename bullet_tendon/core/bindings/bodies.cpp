@@ -15,6 +15,10 @@ namespace bt {
 
 namespace {
 
+// Smallest moment of inertia of a slender body, relative to its largest [-]. Larger: bodies turn about one
+// axis first that need not. Smaller: forces at the ends of a rod spin it.
+constexpr double kSlender = 0.1;
+
 // Places a link by p.getDynamicsInfo, and (its centre of mass, the orientation of its inertial frame). The
 // inverse of the inertial frame's local pose leads to the link's frame. pybullet returns no valid local pose
 // for bodies with maximal coordinates (body type 1). Both frames of these are the same.
@@ -63,6 +67,14 @@ bool is_finite(const World& w, int slot) {
   return well;
 }
 
+Slender slender_of(Vec3 inertia, const Rot3& axes) {
+  const double moments[] = {inertia.x, inertia.y, inertia.z};
+  const double *least = std::min_element(moments, moments + 3),
+               *most = std::max_element(moments, moments + 3);
+  if (!(*least > 0 && *least < kSlender * *most)) return {};
+  return {axes * unit_axis(static_cast<int>(least - moments)), turned(axes, inertia), axes};
+}
+
 // A rigid body by itself: inverse mass, and inverse inertia in world axes, zero where it has none.
 void stand_alone(GeneralizedBody& m, const Link& l, PyObject* info, PyObject* turn, bool falls) {
   if (m.n() != 6) m = GeneralizedBody{};
@@ -70,7 +82,8 @@ void stand_alone(GeneralizedBody& m, const Link& l, PyObject* info, PyObject* tu
   const Vec3 before = m.rates.size() == 6 ? Vec3{m.rates[3], m.rates[4], m.rates[5]} : w;
   m.rates.assign({v.x, v.y, v.z, w.x, w.y, w.z});
   m.external.clear();
-  m.history.possible = falls;
+  m.slender = slender_of(inertia, turn_of(turn));
+  m.history.possible = falls && !m.slender.is();
   m.stops.limits.clear();
   m.stops.constraints.clear();
   m.gravity_response.clear();

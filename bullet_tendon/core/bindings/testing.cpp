@@ -248,11 +248,12 @@ std::vector<std::array<double, 6>> searched_nearest(const std::vector<Triangle>&
   return out;
 }
 
-// The rotation that a body has turned by, the torque of forces at arms (both (m, 3)) on its rotation vector,
-// and the stiffness that it reports.
-py::tuple finite_rotation_term(Vec3 begun, Vec3 by, const Field& arms, const Field& forces) {
+// The rotation that a body has turned by, about the axis first unless it is zero, the torque of forces at
+// arms (both (m, 3)) on theta, the stiffness that it reports, and what pybullet's rotation vector changes by
+// more.
+py::tuple finite_rotation_term(Vec3 axis, Vec3 begun, Vec3 by, const Field& arms, const Field& forces) {
   FiniteRotation turned;
-  turned.begun = begun;
+  turned.begin(axis, begun, {});
   turned.turn_by(by);
   turned.pulls = {{}, {}, {}};
   Vec3 torque;
@@ -261,7 +262,7 @@ py::tuple finite_rotation_term(Vec3 begun, Vec3 by, const Field& arms, const Fie
     turned.add_pull(arm, f, about_centre);
     torque += transposed_times(turned.rate, about_centre);
   }
-  return py::make_tuple(turned.rotation, torque, full_of(turned.stiffness()));
+  return py::make_tuple(turned.rotation, torque, full_of(turned.stiffness()), turned.beyond_theta());
 }
 
 // Newton's linear model of an island, for tests: a random force g on particles and bodies is solved for by

@@ -71,6 +71,7 @@ void GeneralizedBody::sense() {
   const double noise = rough ? kUnlimited : stops.act() ? kSolverNoise : 0;
   observer.observe(rates, free, unforced(),
                    {alone, is_jointed(), stops.contacts_stop(), noise, by_motors, motors.thrown});
+  if (slender.is()) observer.turn_to(slender.axes, free);
   take_owed();
   stops.contacts_known = motors.reported_known = false;
 }

@@ -59,11 +59,20 @@ struct BodyTurning {
   double lever = 0;       // largest |arm| [m]
 };
 
+// Of a free rigid body that is slender, in world axes.
+struct Slender {
+  Vec3 axis;     // of least inertia; zero: the body is not slender
+  Sym3 moments;  // of inertia [kg m^2]
+  Rot3 axes;     // by columns, those of inertia
+  bool is() const { return norm(axis) > 0; }
+};
+
 struct GeneralizedBody {
   // Current rates (n): of the base, the velocity of its centre of mass and its spin; of the joints.
   Numbers rates;
   Numbers free;              // free response M^-1 (n n)
   Numbers gravity_response;  // acceleration per unit of gravity (n 3); empty: not known
+  Slender slender;
   // Acceleration by its own motion (n): centrifugal, Coriolis and gyroscopic terms, and damping of joints.
   Numbers by_motion;
   // Generalized forces of its motion at the velocity at the start of the step, less those at the mean

@@ -1,5 +1,6 @@
 #include "bodies/finite_rotation.h"
 
+#include <algorithm>
 #include <cmath>
 
 namespace bt {
@@ -14,6 +15,10 @@ constexpr double kWholeTurn = 0.78539816339744831;
 constexpr double kSetsIn = 1e-3;
 // Square of an angle below which A and B are evaluated by their series [rad^2].
 constexpr double kSmallTurn = 1e-3;
+// Largest angle of which a theta is computed [rad]. Larger: spins without bounds.
+constexpr double kMostTurn = 3.1;
+// Newton steps for the theta that is slowed to an angle: where slowing sets in, three end within rounding.
+constexpr int kNewtonSteps = 4;
 
 // A, B and their derivatives by t over t.
 struct Series {
@@ -64,31 +69,120 @@ Sym3 within(const Rot3& m, const Sym3& s) {
 
 Vec3 slowed(Vec3 theta) { return slowing_of(norm(theta)).share * theta; }
 
-// By rows: T, P.
+Rot3 full(const Sym3& s) { return {{s.xx, s.xy, s.xz}, {s.xy, s.yy, s.yz}, {s.xz, s.yz, s.zz}}; }
+
+// A part of theta that is slowed by itself: that across the axis, or that about it.
+struct Part {
+  Sym3 within;  // projects on it
+  Vec3 theta;
+  Slowing slowing;
+  Part(const Sym3& within, Vec3 theta)
+      : within(within), theta(within * theta), slowing(slowing_of(norm(within * theta))) {}
+  Vec3 slowed() const { return slowing.share * theta; }
+  Sym3 rate() const { return slowing.share * within + slowing.slope * outer(theta); }
+  // The derivative of rate^T torque by theta.
+  Sym3 change_of_rate(Vec3 torque) const {
+    const double along = dot(theta, torque);
+    return slowing.slope * (2.0 * both(theta, within * torque) + along * within) +
+           (slowing.curve * along) * outer(theta);
+  }
+};
+
+struct Parts {
+  Part across, about;
+  Parts(Vec3 axis, Vec3 theta) : across(bt::across(axis), theta), about(outer(axis), theta) {}
+  Vec3 slowed() const { return across.slowed() + about.slowed(); }
+  Rot3 rate() const { return full(across.rate() + about.rate()); }
+  Sym3 change_of_rate(Vec3 torque) const {
+    return across.change_of_rate(torque) + about.change_of_rate(torque);
+  }
+};
+
+// The theta that is slowed to v.
+Vec3 unslowed(Vec3 v) {
+  const double angle = norm(v);
+  if (angle <= kWholeTurn - kSetsIn) return v;
+  const double least = std::min(angle, kMostTurn);
+  double t = std::tan(0.5 * least) * kWholeTurn / std::tan(0.5 * kWholeTurn);
+  for (int k = 0; k < kNewtonSteps; ++k) {
+    const Slowing g = slowing_of(t);
+    t -= (g.share * t - least) / (g.share + g.slope * t * t);
+  }
+  return (t / angle) * v;
+}
+
+// The rotation by v: about the axis first, then across it.
+Rot3 turned_by(Vec3 axis, Vec3 v) {
+  const double about = dot(axis, v);
+  if (about == 0) return rotation_by(v);
+  return rotation_by(v - about * axis) * rotation_about(axis, about);
+}
+
+// The theta with that rotation, by less than half a turn.
+Vec3 theta_of(Vec3 axis, const Rot3& rotation) {
+  const Vec3 across = cross(axis, rotation * axis);
+  const Vec3 swing = std::atan2(norm(across), dot(axis, rotation * axis)) * unit_or(across, {});
+  const double about = dot(axis, rotation_vector(transposed(rotation_by(swing)) * rotation));
+  return unslowed(swing) + unslowed(about * axis);
+}
+
+// By rows: T.
 Rot3 rate_of(Vec3 psi) {
   const Series s = series_of(norm(psi));
   auto row = [&](Vec3 e) { return e + s.a * cross(e, psi) + s.b * cross(psi, cross(psi, e)); };
   return {row({1, 0, 0}), row({0, 1, 0}), row({0, 0, 1})};
 }
 
-Rot3 slowing_rate_of(Vec3 theta) {
-  const Slowing g = slowing_of(norm(theta));
-  auto row = [&](Vec3 e) { return g.share * e + g.slope * dot(theta, e) * theta; };
-  return {row({1, 0, 0}), row({0, 1, 0}), row({0, 0, 1})};
+// By rows: T (1 - a a^T) + exp(s) a a^T.
+Rot3 rate_of(Vec3 axis, Vec3 psi) {
+  if (norm(axis) == 0) return rate_of(psi);
+  const Vec3 swing = psi - dot(axis, psi) * axis;
+  return rate_of(swing) * full(across(axis)) + outer_product(rotation_by(swing) * axis, axis);
+}
+
+// The symmetric part of the derivative of T^T torque by psi, and the same with an axis.
+Sym3 change_of_rate(Vec3 psi, Vec3 torque) {
+  const Series s = series_of(norm(psi));
+  const double along = dot(psi, torque);
+  return s.a_slope * both(psi, cross(torque, psi)) + s.b * (identity(along) + (-1.0) * both(psi, torque)) +
+         s.b_slope * both(psi, along * psi - dot(psi, psi) * torque);
+}
+
+Sym3 change_of_rate(Vec3 axis, Vec3 psi, Vec3 torque) {
+  if (norm(axis) == 0) return change_of_rate(psi, torque);
+  const Vec3 swing = psi - dot(axis, psi) * axis;
+  const Rot3 across = full(bt::across(axis));
+  const Vec3 tilting = transposed_times(rate_of(swing), cross(rotation_by(swing) * axis, torque));
+  return within(across, change_of_rate(swing, torque)) + both(axis, across * tilting);
 }
 
 }  // namespace
 
 Rot3 rotation_of_step(Vec3 theta) { return rotation_by(slowed(theta)); }
 
+void FiniteRotation::begin(Vec3 about, Vec3 before, Vec3 within_substep) {
+  axis = about;
+  begun = before;
+  more = within_substep;
+  predicted = begun + more;
+  if (norm(axis) > 0) predicted = theta_of(axis, rotation_of_step(predicted));
+}
+
 Rot3 FiniteRotation::since_begun(Vec3 theta) const {
-  return rotation_of_step(theta) * rotation_of_step(-begun);
+  return turned_by(axis, Parts(axis, theta).slowed()) * rotation_of_step(-begun);
 }
 
 void FiniteRotation::turn_by(Vec3 by) {
-  theta = begun + more + by;
+  theta = predicted + by;
   rotation = since_begun(theta);
-  rate = rate_of(slowed(theta)) * slowing_rate_of(theta);
+  const Parts parts(axis, theta);
+  rate = rate_of(axis, parts.slowed()) * parts.rate();
+}
+
+Vec3 FiniteRotation::beyond_theta() const {
+  if (norm(axis) == 0) return {};
+  const Vec3 reached = unslowed(rotation_vector(turned_by(axis, Parts(axis, theta).slowed())));
+  return (reached - (begun + more)) - (theta - predicted);
 }
 
 void FiniteRotation::add_pull(Vec3 arm, Vec3 f, Vec3 torque) {
@@ -104,17 +198,10 @@ Sym3 FiniteRotation::stiffness() const {
   const Vec3 torque{p.r1.z - p.r2.y, p.r2.x - p.r0.z, p.r0.y - p.r1.x};
   const Sym3 of_arms = {p.r0.x - out, 0.5 * (p.r0.y + p.r1.x), 0.5 * (p.r0.z + p.r2.x),
                         p.r1.y - out, 0.5 * (p.r1.z + p.r2.y), p.r2.z - out};
-  const Vec3 psi = slowed(theta);
-  const Series s = series_of(norm(psi));
-  const double along = dot(psi, torque);
-  const Sym3 of_rate = s.a_slope * both(psi, cross(torque, psi)) +
-                       s.b * (identity(along) + (-1.0) * both(psi, torque)) +
-                       s.b_slope * both(psi, along * psi - dot(psi, psi) * torque);
-  const Slowing g = slowing_of(norm(theta));
-  const Vec3 on_psi = transposed_times(rate_of(psi), torque);
-  const double all = dot(theta, on_psi);
-  return within(rate, of_arms) + within(slowing_rate_of(theta), of_rate) +
-         g.slope * (2.0 * both(theta, on_psi) + identity(all)) + (g.curve * all) * outer(theta);
+  const Parts parts(axis, theta);
+  const Vec3 psi = parts.slowed();
+  return within(rate, of_arms) + within(parts.rate(), change_of_rate(axis, psi, torque)) +
+         parts.change_of_rate(transposed_times(rate_of(axis, psi), torque));
 }
 
 }  // namespace bt

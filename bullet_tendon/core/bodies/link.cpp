@@ -35,8 +35,8 @@ void Link::begin_substep(const GeneralizedBody* m, double before, double at_end)
     drift_rates = end + (before / (at_end - before)) * (end - at_start);
   }
   iterate.turned = {};
-  iterate.turned.begun = before * at_start.angular;
-  iterate.turned.more = (at_end - before) * drift_rates.angular;
+  iterate.turned.begin(m ? m->slender.axis : Vec3{}, before * at_start.angular,
+                       (at_end - before) * drift_rates.angular);
 }
 
 void Link::go_with(const GeneralizedBody& m) {
@@ -98,7 +98,7 @@ Vec3 Link::displaced(Vec3 arm) const {
 void Link::foresee(const Twist& by, double dt, bool far) {
   const Twist all = dt * drift_rates + by;
   const FiniteRotation& turned = iterate.turned;
-  const Rot3 turn = far ? turned.since_begun(turned.begun + all.angular) : rotation_by(all.angular);
+  const Rot3 turn = far ? turned.since_begun(turned.predicted + by.angular) : rotation_by(all.angular);
   foreseen = {all, by, turn, far};
 }
 

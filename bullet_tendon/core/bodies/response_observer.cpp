@@ -134,7 +134,32 @@ void Observer::act(const Numbers& tendons, const Numbers& others, double dt) {
 void Observer::rest(const Numbers& tendons) {
   if (n_ != static_cast<int>(tendons.size())) start(static_cast<int>(tendons.size()));
   forces_ = tendons;
-  acted_ = false;
+  acted_ = axes_known_ = false;
+}
+
+void Observer::turn_to(const Rot3& axes, const Numbers& free) {
+  const Rot3 turn = axes * transposed(axes_);
+  axes_ = axes;
+  dense::root(n_, free, root_);
+  if (hold_.yields)
+    effective_root_ = root_;
+  else
+    take_effective();
+  if (!std::exchange(axes_known_, true)) return;
+  for (Numbers* v : {&forces_, &applied_, &push_, &hold_.push, &last_.forces, &last_.acceleration,
+                     &previous_.forces, &previous_.acceleration}) {
+    if (v->size() != 6) continue;
+    const Vec3 turned = turn * Vec3{(*v)[3], (*v)[4], (*v)[5]};
+    (*v)[3] = turned.x;
+    (*v)[4] = turned.y;
+    (*v)[5] = turned.z;
+  }
+  for (Sample* of : {&last_, &previous_}) {
+    if (of->forces.empty()) continue;
+    multiply_transposed(root_, of->forces, of->root_forces);
+    of->root_acceleration = of->acceleration;
+    forward(root_, of->root_acceleration);
+  }
 }
 
 void Observer::set_free() {

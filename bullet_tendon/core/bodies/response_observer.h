@@ -18,6 +18,7 @@
 // the forces than R_eff predicted has been released. The forces of that step were those on a held body.
 // Therefore the step is solved again (world/resolve.cpp).
 #pragma once
+#include "math/rotation.h"
 #include "math/small_matrix.h"
 
 namespace bt {
@@ -63,6 +64,10 @@ class Observer {
   Numbers forces_of_motors(const Numbers& rates, const Numbers& gravity, const Reported& reported);
   // Takes forces of the tendons that are expected in the next step (n).
   void expect(const Numbers& forces) { forces_ = forces; }
+  // Turns what is known of a slender rigid body's last steps with the body, to these axes of it and its free
+  // response there. Forces at the ends of a rod do not spin it: had they stayed in the axes of the world,
+  // what turned it would seem to.
+  void turn_to(const Rot3& axes, const Numbers& free);
   // Takes rates that were set from outside.
   void refresh(const Numbers& rates);
   // Records the generalized forces that act during the next dt [s]: of the tendons, and all others that are
@@ -162,6 +167,8 @@ class Observer {
   Numbers sampled_;  // rates right after the last step, if sampled
   Hold hold_;
   Sample last_, previous_;
+  Rot3 axes_;  // as turn_to
+  bool axes_known_ = false;
   double dt_ = 0;
   int samples_ = 0;  // number of known steps: 0, 1 or 2
   bool known_ = false, acted_ = false, released_ = false;

@@ -54,11 +54,11 @@ struct StateFields {
   BT_FIELDS(Observer::Sample, forces, acceleration, root_forces, root_acceleration, cut)
   BT_FIELDS(Observer, n_, root_, effective_root_, share_, share_root_, rates_, forces_, applied_, push_,
             last_, previous_, dt_, samples_, known_, acted_, released_, hold_.acts, hold_.yields,
-            hold_.limit_known, hold_.firm, hold_.withstood, hold_.push, sampled_)
+            hold_.limit_known, hold_.firm, hold_.withstood, hold_.push, sampled_, axes_, axes_known_)
   BT_FIELDS(BodyHistory, possible, smooth, known, steady_share, dt)
-  BT_FIELDS(GeneralizedBody, rates, free, gravity_response, by_motion, known_in_step_, external, stops,
-            forces, observer, history, root, change, touches, turning.far, substep.pushed, left_out.owed,
-            left_out.kept)
+  BT_FIELDS(GeneralizedBody, rates, free, gravity_response, slender.axis, slender.moments, slender.axes,
+            by_motion, known_in_step_, external, stops, forces, observer, history, root, change, touches,
+            turning.far, substep.pushed, left_out.owed, left_out.kept)
   BT_FIELDS(LinkStart, pose, centre, known)
   BT_FIELDS(Link, pose, centre, start, rates, drift_rates, friction, body, yielded, moved, put, jacobian,
             root, history.mean, history.applied, history.excess, wrench, read, late)

@@ -336,6 +336,11 @@ void World::measure_wrenches() {
     push(link, given(c, h.force.mean, h.force.of_step), h.force.total, link.held_arm_of(h.local));
   });
   if (step_.whole) return;
+  const double square = step_.substeps.end() * step_.substeps.step();
+  for (Link& l : scene.links)
+    if (l.yields() && l.iterate.turned.far)
+      l.part.torque +=
+          (1 / square) * (scene.bodies[l.body].slender.moments * l.iterate.turned.beyond_theta());
   each_acting([&](const Element& element) {
     for (const TouchedLink& touched : element.touched()) {
       Link& link = scene.links[touched.link];

@@ -1,0 +1,148 @@
+"""Struts: what pulls at the ends of a slender body does not spin it, however it turns, whatever it meets."""
+
+import numpy as np
+import pybullet as p
+import pytest
+from link_scenes import matrix
+
+import bullet_tendon as bt
+
+LENGTH, THICKNESS, G = 0.3, 0.006, 9.81  # of a strut, its radius [m], [m/s^2]
+
+
+def cable(stiffness):
+    return bt.Material(stiffness=stiffness, tension_only=True, damping=1e-3 * stiffness)
+
+
+def strut(client, start, end, mass, radius=THICKNESS, **dynamics):
+    """A cylinder from start to end."""
+    along = np.asarray(end) - start
+    length = np.linalg.norm(along)
+    across = np.cross([0, 0, 1], along / length)
+    half = 0.5 * np.arctan2(np.linalg.norm(across), along[2] / length)
+    axis = across / max(np.linalg.norm(across), 1e-12)
+    shape = p.createCollisionShape(p.GEOM_CYLINDER, radius=radius, height=length, physicsClientId=client)
+    middle, turned = np.add(start, end) / 2, [*(np.sin(half) * axis), np.cos(half)]
+    body = p.createMultiBody(mass, shape, -1, middle, turned, physicsClientId=client)
+    p.changeDynamics(body, -1, **dynamics, physicsClientId=client)
+    return body
+
+
+def join(world, first, second, places, material, particles, slack):
+    """A cable between two bodies, or from a hand where the first is None; slack: by which it is short [-]."""
+    length = np.linalg.norm(np.subtract(*places))
+    tendon = world.add_tendon(places, 0.0015, material, particles, rest_length=length * (1 - slack))
+    tendon.collides = False
+    tendon.grip(0) if first is None else tendon.attach(0, first)
+    tendon.attach(-1, second)
+    return tendon
+
+
+def spin(client, body):
+    """In the body's frame, whose last axis is that of the strut [rad/s]."""
+    turned = matrix(p.getBasePositionAndOrientation(body, client)[1])
+    return turned.T @ p.getBaseVelocity(body, client)[1]
+
+
+def energy(client, tendons, bodies, gravity=0.0):
+    """Of cables and bodies [J]."""
+    total = sum(tendon.energy + gravity * tendon.masses @ tendon.positions[:, 2] for tendon in tendons)
+    for body in bodies:
+        info, velocity = p.getDynamicsInfo(body, -1, client), p.getBaseVelocity(body, client)[0]
+        height = p.getBasePositionAndOrientation(body, client)[0][2]
+        moving = 0.5 * info[0] * np.dot(velocity, velocity)
+        total += moving + 0.5 * np.dot(info[2], spin(client, body) ** 2) + gravity * info[0] * height
+    return total
+
+
+@pytest.mark.parametrize("mass", [0.005, 0.02, 0.2])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_strut_between_taut_cables_is_struck(make_world, client, mass, seed):
+    """It was spun by 100 rad/s, and its energy grew a thousandfold, in steps that converged."""
+    rng = np.random.default_rng(seed)
+    world = make_world()
+    ends = np.array([[0, 0, -LENGTH / 2], [0, 0, LENGTH / 2]])
+    body = strut(client, *ends, mass)
+    cables = []
+    for end in ends:
+        away = rng.normal(size=3)
+        away[2] = abs(away[2]) * np.sign(end[2])
+        for side in (1, -1):
+            hand = end + 0.15 * np.array([side, side, 1]) * away / np.linalg.norm(away)
+            cables.append(join(world, None, body, [hand, end], cable(2000), 2, 0.05))
+    world.step(60)
+    energies = []
+    for step in range(100):
+        if step < 2:
+            at, turned = p.getBasePositionAndOrientation(body, client)
+            tip = at + matrix(turned) @ ends[1]
+            force = 250 * mass * rng.normal(size=3)
+            world.apply_external_force(body, -1, force, tip, p.WORLD_FRAME)
+        world.step()
+        assert world.report.converged
+        assert abs(spin(client, body)[2]) < 1e-3
+        energies.append(energy(client, cables, [body]))
+    assert max(energies[2:]) < energies[1] + 1e-3 * (energies[1] - min(energies))
+
+
+@pytest.mark.parametrize("dt", [1 / 240, 1 / 60])
+@pytest.mark.parametrize("mass", [0.02, 1.0])
+def test_a_prism_of_three_struts_comes_to_its_exact_twist(make_world, client, mass, dt):
+    """By 150 degrees (pi/2 + pi/3), whatever the forces: Tibert and Pellegrino, 2003."""
+    world = make_world(dt)
+    turns = np.arange(3) * 2 * np.pi / 3
+    lower = np.c_[0.1 * np.cos(turns), 0.1 * np.sin(turns), np.zeros(3)]
+    turns += np.radians(158)
+    upper = np.c_[0.1 * np.cos(turns), 0.1 * np.sin(turns), np.full(3, 0.2)]
+    damped = {"linearDamping": 0.5, "angularDamping": 0.5}
+    struts = [strut(client, a, b, mass, 0.004, **damped) for a, b in zip(lower, upper, strict=True)]
+    cables = []
+    for level in (lower, upper):
+        for i in range(3):
+            j = (i + 1) % 3
+            cables.append(join(world, struts[i], struts[j], [level[i], level[j]], cable(5000), 4, 0.05))
+    for i in range(3):
+        j = min({0, 1, 2} - {i}, key=lambda k: np.linalg.norm(lower[i] - upper[k]))
+        cables.append(join(world, struts[i], struts[j], [lower[i], upper[j]], cable(5000), 4, 0.05))
+    world.step(round(4 / dt))
+    low, high = (np.array([t.positions[0] for t in cables[k : k + 3]]) for k in (0, 3))
+    normal = np.cross(low[1] - low[0], low[2] - low[0])
+    normal /= np.linalg.norm(normal)
+    first, second = low[0] - low.mean(0), high[0] - high.mean(0)
+    twist = np.arctan2(np.cross(first, second) @ normal, first @ (second - normal * (second @ normal)))
+    assert np.degrees(twist) == pytest.approx(150, abs=1e-3)
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.5])
+@pytest.mark.parametrize("seed", range(2))
+def test_six_struts_that_land_come_to_rest_without_gaining_energy(make_world, client, friction, seed):
+    """An icosahedron of struts and cables falls on a floor, which was met in the step before it was known."""
+    world = make_world(gravity=(0, 0, -G))
+    places = []
+    for axis in range(3):
+        for side in (-1, 1):
+            for end in (-1, 1):
+                place = np.zeros(3)
+                place[axis], place[(axis + 1) % 3] = end * LENGTH / 2, side * LENGTH / 4
+                places.append(place)
+    turned, _ = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))
+    places = np.array(places) @ turned.T + [0, 0, 0.55]
+    struts = [
+        strut(client, a, b, 0.02, lateralFriction=friction)
+        for a, b in zip(places[::2], places[1::2], strict=True)
+    ]
+    plane = p.createCollisionShape(p.GEOM_PLANE, physicsClientId=client)
+    p.changeDynamics(p.createMultiBody(0, plane, physicsClientId=client), -1, lateralFriction=1)
+    cables = []
+    for i in range(12):
+        for j in range(i + 1, 12):
+            if i // 2 != j // 2 and np.linalg.norm(places[i] - places[j]) < 0.62 * LENGTH:
+                between = [places[i], places[j]]
+                cables.append(join(world, struts[i // 2], struts[j // 2], between, cable(2000), 2, 0.05))
+    world.step(10)
+    start = energy(client, cables, struts, G)
+    for _ in range(400):
+        world.step()
+        assert world.report.converged
+        assert energy(client, cables, struts, G) < start + 0.02
+    assert max(np.linalg.norm(p.getBaseVelocity(body, client)[0]) for body in struts) < 0.3
