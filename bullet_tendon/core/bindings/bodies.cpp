@@ -67,12 +67,13 @@ bool is_finite(const World& w, int slot) {
   return well;
 }
 
-Slender slender_of(Vec3 inertia, const Rot3& axes) {
-  const double moments[] = {inertia.x, inertia.y, inertia.z};
-  const double *least = std::min_element(moments, moments + 3),
-               *most = std::max_element(moments, moments + 3);
-  if (!(*least > 0 && *least < kSlender * *most)) return {};
-  return {axes * unit_axis(static_cast<int>(least - moments)), turned(axes, inertia), axes};
+Inertia inertia_of(Vec3 principal, const Rot3& axes) {
+  const double moments[] = {principal.x, principal.y, principal.z};
+  const auto [least, most] = std::minmax_element(moments, moments + 3);
+  if (!(*least > 0)) return {};
+  const bool slender = *least < kSlender * *most;
+  return {turned(axes, principal), axes,
+          slender ? axes * unit_axis(static_cast<int>(least - moments)) : Vec3{}};
 }
 
 // A rigid body by itself: inverse mass, and inverse inertia in world axes, zero where it has none.
@@ -82,19 +83,19 @@ void stand_alone(GeneralizedBody& m, const Link& l, PyObject* info, PyObject* tu
   const Vec3 before = m.rates.size() == 6 ? Vec3{m.rates[3], m.rates[4], m.rates[5]} : w;
   m.rates.assign({v.x, v.y, v.z, w.x, w.y, w.z});
   m.external.clear();
-  m.slender = slender_of(inertia, turn_of(turn));
-  m.history.possible = falls && !m.slender.is();
+  const Rot3 axes = turn_of(turn);
+  m.inertia = falls ? inertia_of(inertia, axes) : Inertia{};
+  m.history.possible = falls && !m.inertia.is_slender();
   m.stops.limits.clear();
   m.stops.constraints.clear();
   m.gravity_response.clear();
   if (falls) m.gravity_response.assign({1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0});
   auto inverse = [](double moment) { return moment > 0 ? 1 / moment : 0; };
-  const Rot3 axes = turn_of(turn);
   const Sym3 turning = turned(axes, {inverse(inertia.x), inverse(inertia.y), inverse(inertia.z)});
   m.by_motion.assign(6, 0.0);
   m.motion_shift.clear();
-  if (falls && inertia.x > 0 && inertia.y > 0 && inertia.z > 0) {  // the gyroscopic torque
-    const Sym3 moments = turned(axes, inertia);
+  const Sym3& moments = m.inertia.moments;
+  if (trace(moments) > 0) {
     const Vec3 gyroscopic = -(turning * cross(w, moments * w));
     m.by_motion = {0, 0, 0, gyroscopic.x, gyroscopic.y, gyroscopic.z};
     const Vec3 now = 1.5 * w - 0.5 * before, shift = cross(w, moments * w) - cross(now, moments * now);

@@ -41,6 +41,8 @@ bool GeneralizedBody::begin_history(double dt, Vec3 gravity, bool whole) {
 void GeneralizedBody::continue_history(double dt) {
   work_.forces = history.given;
   for (int i = 0; i < n() && !motion_shift.empty(); ++i) work_.forces[i] += motion_shift[i];
+  add_gyroscopic_shift(-1, work_.forces);  // that of the motion is of second order
+  gyroscopic_shift = {};
   dense::respond(root, work_.forces, work_.half, work_.known);
   for (int i = 0; i < n(); ++i) change[i] += dt * work_.known[i];
   for (double& e : root) e *= history.share();

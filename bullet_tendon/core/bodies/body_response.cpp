@@ -18,10 +18,32 @@ constexpr double kFarTurn = 0.1;
 // them, as velocities whose energies are compared [-]. Larger: what was stopped starts again. Smaller: pushes
 // of pybullet that are not known end a motion.
 constexpr double kElsewhere = 0.5;
+// Newton steps for the spin at the end of a step. At a radian in a step, five end within rounding.
+constexpr int kMidpointSteps = 6;
 
 }  // namespace
 
 // Acceleration by gravity and by its own motion alone.
+// The implicit midpoint rule in axes that turn with the body: energy and momentum are conserved. pybullet
+// keeps the spin in a step, which has the same components in these axes before and after it.
+Vec3 Inertia::gyroscopic_shift(Vec3 w, double dt) const {
+  const Vec3 explicitly = cross(w, moments * w);
+  if (norm(explicitly) == 0) return {};
+  Vec3 end = w;
+  for (int k = 0; k < kMidpointSteps; ++k) {
+    const Vec3 mean = 0.5 * (w + end), momentum = moments * mean;
+    const Vec3 residual = moments * (end - w) + dt * cross(mean, momentum);
+    auto column = [&](Vec3 e) {
+      const Vec3 inertial = moments * e;
+      return inertial + 0.5 * dt * (cross(e, momentum) + cross(mean, inertial));
+    };
+    const Vec3 x = column({1, 0, 0}), y = column({0, 1, 0}), z = column({0, 0, 1}), across = cross(y, z);
+    const double volume = dot(x, across);
+    end -= (1 / volume) * Vec3{dot(residual, across), dot(residual, cross(z, x)), dot(residual, cross(x, y))};
+  }
+  return explicitly + (1 / dt) * (moments * (end - w));
+}
+
 const Numbers& GeneralizedBody::known(Vec3 gravity) {
   work_.known.assign(n(), 0.0);
   if (gravity_response.empty()) return work_.known;
@@ -71,7 +93,7 @@ void GeneralizedBody::sense() {
   const double noise = rough ? kUnlimited : stops.act() ? kSolverNoise : 0;
   observer.observe(rates, free, unforced(),
                    {alone, is_jointed(), stops.contacts_stop(), noise, by_motors, motors.thrown});
-  if (slender.is()) observer.turn_to(slender.axes, free);
+  if (inertia.is_slender()) observer.turn_to(inertia.axes, free);
   take_owed();
   stops.contacts_known = motors.reported_known = false;
 }
@@ -150,16 +172,25 @@ void GeneralizedBody::add_external(const Numbers& force) {
   for (int i = 0; i < n(); ++i) external[i] += force[i];
 }
 
+void GeneralizedBody::add_gyroscopic_shift(double share, Numbers& to) const {
+  if (norm(gyroscopic_shift) == 0) return;
+  to[3] += share * gyroscopic_shift.x;
+  to[4] += share * gyroscopic_shift.y;
+  to[5] += share * gyroscopic_shift.z;
+}
+
 void GeneralizedBody::predict(double dt, Vec3 gravity) {
   known_in_step_ = known(gravity);
   change = known_in_step_;
   for (int i = 0; i < n(); ++i) change[i] = dt * (change[i] + observer.push()[i]);
   if (!left_out.owed.empty()) give_owed(dt);
   root = observer.root();
-  if (!external.empty()) {
-    dense::respond(root, external, work_.half, work_.known);
-    for (int i = 0; i < n(); ++i) change[i] += dt * work_.known[i];
-  }
+  gyroscopic_shift = n() == 6 ? inertia.gyroscopic_shift({rates[3], rates[4], rates[5]}, dt) : Vec3{};
+  work_.forces.assign(n(), 0.0);
+  if (!external.empty()) work_.forces = external;
+  add_gyroscopic_shift(1, work_.forces);
+  dense::respond(root, work_.forces, work_.half, work_.known);
+  for (int i = 0; i < n(); ++i) change[i] += dt * work_.known[i];
   stops.find(stopped(), base(), dt);
   if (!stops.any() || observer.forces().size() != rates.size()) return;
   if (!stops.motors.again) stops.choose(stopped(), observer.forces(), dt);
@@ -191,6 +222,7 @@ void GeneralizedBody::act(double dt) {
   add_left_out(1, joint_forces);
   if (history.continues && !motion_shift.empty())
     for (int i = 0; i < n(); ++i) joint_forces[i] += motion_shift[i];
+  add_gyroscopic_shift(1, joint_forces);
   if (history.admitted && history.coupled && !stops.act()) {
     history.steady_share = 1;
     history.dt = dt;

@@ -59,12 +59,16 @@ struct BodyTurning {
   double lever = 0;       // largest |arm| [m]
 };
 
-// Of a free rigid body that is slender, in world axes.
-struct Slender {
-  Vec3 axis;     // of least inertia; zero: the body is not slender
-  Sym3 moments;  // of inertia [kg m^2]
-  Rot3 axes;     // by columns, those of inertia
-  bool is() const { return norm(axis) > 0; }
+// Of a rigid body that moves by itself, in world axes at the start of the step.
+struct Inertia {
+  Sym3 moments;       // [kg m^2]; zero: not known
+  Rot3 axes;          // by columns, the principal ones
+  Vec3 slender_axis;  // that of the least moment; zero: the body is not slender
+  bool is_slender() const { return norm(slender_axis) > 0; }
+  // What pybullet's gyroscopic torque at the spin w lacks in a step of dt [s] to that at the mean of the
+  // spins before and after it [N m]. pybullet's, at the spin before it, adds energy: (dt w)^2 of it in a
+  // step.
+  Vec3 gyroscopic_shift(Vec3 w, double dt) const;
 };
 
 struct GeneralizedBody {
@@ -72,12 +76,13 @@ struct GeneralizedBody {
   Numbers rates;
   Numbers free;              // free response M^-1 (n n)
   Numbers gravity_response;  // acceleration per unit of gravity (n 3); empty: not known
-  Slender slender;
+  Inertia inertia;
   // Acceleration by its own motion (n): centrifugal, Coriolis and gyroscopic terms, and damping of joints.
   Numbers by_motion;
   // Generalized forces of its motion at the velocity at the start of the step, less those at the mean
   // velocity of the last step, which pybullet applies (n); empty: not known.
   Numbers motion_shift;
+  Vec3 gyroscopic_shift;  // as Inertia has it, in this step
   // Generalized forces that pybullet is given besides those of the tendons (n): of limits that joints would
   // pass in this step, of motion_shift and of left_out.
   Numbers joint_forces;
@@ -180,6 +185,7 @@ struct GeneralizedBody {
   bool is_jerked();
   // Determines the motion that the last step owes to this one.
   void take_owed();
+  void add_gyroscopic_shift(double share, Numbers& to) const;
   // Adds that motion to the prediction.
   void give_owed(double dt);
   const Numbers& unforced();

@@ -35,7 +35,7 @@ void Link::begin_substep(const GeneralizedBody* m, double before, double at_end)
     drift_rates = end + (before / (at_end - before)) * (end - at_start);
   }
   iterate.turned = {};
-  iterate.turned.begin(m ? m->slender.axis : Vec3{}, before * at_start.angular,
+  iterate.turned.begin(m ? m->inertia.slender_axis : Vec3{}, before * at_start.angular,
                        (at_end - before) * drift_rates.angular);
 }
 

@@ -81,7 +81,8 @@ void World::put_bodies_back() {
   std::vector<GeneralizedBody>& bodies = history_.start->sensed_bodies;
   for (size_t i = 0; i < std::min(scene.links.size(), links.size()); ++i) scene.links[i] = links[i];
   for (size_t i = 0; i < std::min(scene.bodies.size(), bodies.size()); ++i) {
-    if (bodies[i].slender.is()) scene.bodies[i].observer.turn_to(bodies[i].slender.axes, bodies[i].free);
+    if (bodies[i].inertia.is_slender())
+      scene.bodies[i].observer.turn_to(bodies[i].inertia.axes, bodies[i].free);
     scene.bodies[i].observer.expect(bodies[i].observer.forces());
     std::swap(scene.bodies[i].observer, bodies[i].observer);
     std::swap(scene.bodies[i].stops.motors, bodies[i].stops.motors);

@@ -56,9 +56,9 @@ struct StateFields {
             last_, previous_, dt_, samples_, known_, acted_, released_, hold_.acts, hold_.yields,
             hold_.limit_known, hold_.firm, hold_.withstood, hold_.push, sampled_, axes_, axes_known_)
   BT_FIELDS(BodyHistory, possible, smooth, known, steady_share, dt)
-  BT_FIELDS(GeneralizedBody, rates, free, gravity_response, slender.axis, slender.moments, slender.axes,
-            by_motion, known_in_step_, external, stops, forces, observer, history, root, change, touches,
-            turning.far, substep.pushed, left_out.owed, left_out.kept)
+  BT_FIELDS(GeneralizedBody, rates, free, gravity_response, inertia.moments, inertia.axes,
+            inertia.slender_axis, by_motion, known_in_step_, external, stops, forces, observer, history, root,
+            change, touches, turning.far, substep.pushed, left_out.owed, left_out.kept)
   BT_FIELDS(LinkStart, pose, centre, known)
   BT_FIELDS(Link, pose, centre, start, rates, drift_rates, friction, body, yielded, moved, put, jacobian,
             root, history.mean, history.applied, history.excess, wrench, read, late)

@@ -340,7 +340,7 @@ void World::measure_wrenches() {
   for (Link& l : scene.links)
     if (l.yields() && l.iterate.turned.far)
       l.part.torque +=
-          (1 / square) * (scene.bodies[l.body].slender.moments * l.iterate.turned.beyond_theta());
+          (1 / square) * (scene.bodies[l.body].inertia.moments * l.iterate.turned.beyond_theta());
   each_acting([&](const Element& element) {
     for (const TouchedLink& touched : element.touched()) {
       Link& link = scene.links[touched.link];
