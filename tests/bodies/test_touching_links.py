@@ -4,7 +4,7 @@ import numpy as np
 import pybullet as p
 import pybullet_data
 import pytest
-from link_scenes import UNDAMPED, misfit
+from link_scenes import UNDAMPED, free_ball, misfit
 
 import bullet_tendon as bt
 
@@ -149,3 +149,32 @@ def test_a_humanoid_that_falls_on_a_board_does_not_throw_it(client, make_world, 
         world.step()
         most = max(most, sum(cord.tension[-1] for cord in world.tendons))
     assert most < 2500  # its weight is 441 N; 7e4 to 2e6 where its contacts are rows
+
+
+@pytest.mark.parametrize("apart", [0.005, 0.02])
+def test_bodies_meet_and_part_while_steps_are_solved_again(make_world, client, apart):
+    """Another body is pulled in ways that no step foresees. What the two moved together with then changes."""
+    rng = np.random.default_rng(0)
+    world = make_world(sleep=False)
+    balls = [free_ball(client, 0.05, (side * (0.01 + apart / 2), 0, 0)) for side in (-1, 1)]
+    pulled = free_ball(client, 0.01, (0, 1, 0))
+    cords = []
+    for ball in (*balls, pulled):
+        place = np.array(p.getBasePositionAndOrientation(ball, client)[0])
+        ends = [place + [0, 0, 0.2], place + [0, 0, 0.01]]
+        cords.append(world.add_tendon(ends, 5e-4, bt.Material(stiffness=2000, damping=2), 4))
+        cords[-1].grip(0), cords[-1].attach(-1, ball)
+        cords[-1].collides = False
+    for ball, speed in zip(balls, (0.5, -0.5), strict=True):
+        p.resetBaseVelocity(ball, [speed, 0, 0], [0, 0, 0], client)
+    again = 0
+    for step in range(120):
+        at = p.getBasePositionAndOrientation(pulled, client)[0]
+        force = [0, 0, -20 if step % 3 == 0 else rng.uniform(-5, 0)]
+        p.applyExternalForce(pulled, -1, force, at, p.WORLD_FRAME, client)
+        world.step()
+        again += world.report.reasons.get("released", 0)
+        assert world.report.converged
+        speeds = [p.getBaseVelocity(ball, client)[0][0] for ball in balls]
+        assert abs(sum(speeds)) < 1e-6 and max(map(abs, speeds)) < 0.6
+    assert again > 10

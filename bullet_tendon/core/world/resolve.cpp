@@ -81,13 +81,15 @@ void World::put_bodies_back() {
   std::vector<GeneralizedBody>& bodies = history_.start->sensed_bodies;
   for (size_t i = 0; i < std::min(scene.links.size(), links.size()); ++i) scene.links[i] = links[i];
   for (size_t i = 0; i < std::min(scene.bodies.size(), bodies.size()); ++i) {
-    if (bodies[i].inertia.is_slender())
-      scene.bodies[i].observer.turn_to(bodies[i].inertia.axes, bodies[i].free);
-    scene.bodies[i].observer.expect(bodies[i].observer.forces());
-    std::swap(scene.bodies[i].observer, bodies[i].observer);
-    std::swap(scene.bodies[i].stops.motors, bodies[i].stops.motors);
-    bodies[i].stops.correct_constraints(scene.bodies[i].stops);
-    scene.bodies[i] = bodies[i];
+    GeneralizedBody& body = scene.bodies[i];
+    if (body.n() == bodies[i].n()) {  // else it moved together with others, or by itself
+      if (bodies[i].inertia.is_slender()) body.observer.turn_to(bodies[i].inertia.axes, bodies[i].free);
+      body.observer.expect(bodies[i].observer.forces());
+      std::swap(body.observer, bodies[i].observer);
+      std::swap(body.stops.motors, bodies[i].stops.motors);
+      bodies[i].stops.correct_constraints(body.stops);
+    }
+    body = bodies[i];
     predict(static_cast<int>(i));
   }
 }
