@@ -355,6 +355,72 @@ def strands_between_bodies(scene):
 
 
 @family
+def struts(scene):
+    """One to four slender rods between cables to each other and to hands, struck: momentum and energy."""
+    scene.begin(gravity=scene.coin())
+    rods = [rod(scene, (0.5 * k, 0, 0)) for k in range(scene.whole(1, 4))]
+    heaviest = max(scene.mass(body) for body, _ in rods) * G
+    material = scene.material(heaviest * scene.log(1, 100))
+    for body, ends in rods:
+        for end in ends:
+            for _ in range(scene.whole(1, 3)):
+                other, far = scene.pick((None, end + scene.flat(0.05, 0.3) * scene.direction()), *rods)
+                if other is body:
+                    continue
+                place = far if other is None else scene.pick(*far)
+                tie(scene, body, end, other, place, material, 1 - scene.flat(0, 0.05))
+        strike(scene, body, scene.flat(0, 2), scene.flat(0, 30))
+    scene.run(scene.steps)
+
+
+def rod(scene, at):
+    """A slender body, and its two ends."""
+    kind, length = scene.pick("cylinder", "capsule", "box"), scene.flat(0.1, 0.4)
+    width = length / scene.log(8, 60)
+    sizes = rounded((width, width, length) if kind == "box" else (width / 2, length))
+    body = scene.body(kind, sizes, scene.log(5e-3, 1), at, random_turn(scene))
+    origin, axes = scene.place(body)
+    return body, [origin + side * 0.5 * length * axes[:, 2] for side in (1, -1)]
+
+
+def random_turn(scene):
+    turn = np.append(scene.direction(), scene.flat(-1, 1))
+    return rounded(turn / np.linalg.norm(turn))
+
+
+def tie(scene, body, place, other, far, material, share):
+    """A cable that collides with nothing, shorter by a share than from its place on a body to a far one."""
+    length = round(share * np.linalg.norm(far - place), 6)
+    t = scene.world.add_tendon(
+        [place, far], 5e-4, material, scene.whole(2, 12), rest_length=length, collides=False
+    )
+    t.attach(0, body)
+    t.grip(-1) if other is None else t.attach(-1, other)
+
+
+def strike(scene, body, speed, spin):
+    """Give it a velocity and a spin."""
+    motion = [rounded(size * scene.direction()) for size in (speed, spin)]
+    scene.p.resetBaseVelocity(body, *motion)
+
+
+@family
+def spun(scene):
+    """A disc, a plate or a bar that spins on one to three cords: energy and momentum."""
+    scene.begin(gravity=scene.coin())
+    sizes = rounded([scene.log(0.01, 0.2) for _ in range(3)])
+    body = scene.body("box", sizes, scene.log(0.01, 1), turn=random_turn(scene))
+    material = scene.material(scene.mass(body) * G * scene.log(1, 30))
+    origin, axes = scene.place(body)
+    for _ in range(scene.whole(1, 3)):
+        place = origin + axes @ (0.5 * np.array(sizes) * [scene.flat(-1, 1) for _ in range(3)])
+        far = place + scene.flat(0.1, 0.4) * scene.direction()
+        tie(scene, body, place, None, far, material, 1 + scene.flat(0, 0.1))
+    strike(scene, body, scene.flat(0, 1), scene.flat(5, 70))
+    scene.run(scene.steps)
+
+
+@family
 def point_masses(scene):
     """Beads on a cord between two hands: the hands carry their weight."""
     scene.begin()
