@@ -187,6 +187,8 @@ class RigidBody:
     def _read_contacts(self, core, where, contacts: Contacts, keep: bool) -> None:
         """What it rests on: contacts with bodies without mass."""
         own = contacts.of(self.body)
+        if not own and not keep:
+            return
         immovable = [link for link in {(c[2], c[4]): None for c in own} if _has_no_mass(link, self.client)]
         core.set_contacts(self.slot, tuple(own), immovable, where[0], keep)
 

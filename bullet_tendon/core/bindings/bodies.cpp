@@ -130,9 +130,8 @@ int read_link(World& w, int slot, const py::tuple& info, const py::tuple& where,
   if (!is_finite(w, slot)) return 0;
   GeneralizedBody& m = w.scene.bodies[slot];
   if (m.stops.contacts_known) return 1;
-  if (falls) return 2;
   m.stops.contacts.clear();
-  return 1;
+  return falls ? 2 : 1;
 }
 
 // Takes its velocity and spin right after a step. Returns whether it was released.

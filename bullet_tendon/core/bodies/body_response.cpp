@@ -174,6 +174,7 @@ void GeneralizedBody::add_external(const Numbers& force) {
 
 void GeneralizedBody::add_gyroscopic_shift(double share, Numbers& to) const {
   if (norm(gyroscopic_shift) == 0) return;
+  to.resize(n());
   to[3] += share * gyroscopic_shift.x;
   to[4] += share * gyroscopic_shift.y;
   to[5] += share * gyroscopic_shift.z;
@@ -186,11 +187,12 @@ void GeneralizedBody::predict(double dt, Vec3 gravity) {
   if (!left_out.owed.empty()) give_owed(dt);
   root = observer.root();
   gyroscopic_shift = n() == 6 ? inertia.gyroscopic_shift({rates[3], rates[4], rates[5]}, dt) : Vec3{};
-  work_.forces.assign(n(), 0.0);
-  if (!external.empty()) work_.forces = external;
+  work_.forces = external;
   add_gyroscopic_shift(1, work_.forces);
-  dense::respond(root, work_.forces, work_.half, work_.known);
-  for (int i = 0; i < n(); ++i) change[i] += dt * work_.known[i];
+  if (!work_.forces.empty()) {
+    dense::respond(root, work_.forces, work_.half, work_.known);
+    for (int i = 0; i < n(); ++i) change[i] += dt * work_.known[i];
+  }
   stops.find(stopped(), base(), dt);
   if (!stops.any() || observer.forces().size() != rates.size()) return;
   if (!stops.motors.again) stops.choose(stopped(), observer.forces(), dt);
