@@ -132,6 +132,8 @@ bool Contact::stiffen(bool by_what_yields, bool finds_out) {
     if (!finds_out && is_unmoved()) return false;
     normal_force.squeezed = Squeezed::no;
     normal_force.stiffness = normal_force.first_stiffness;
+    geometry.gap -= geometry.depth_to_leave;
+    geometry.depth_allowance = geometry.depth_to_leave;
     normal_force.first_gap = geometry.gap;
     take_over(normal_force.value);
     return true;
@@ -161,7 +163,8 @@ bool Contact::is_crushed() const {
   return lasting > kCrushed * 2 * geometry.radius * normal_force.section;
 }
 
-// A multiplier would grow without limit.
+// A multiplier would grow without limit. The cross-section bears all of its depth. Once it no longer does,
+// the contact corrects no more of the depth in this substep than others do.
 void Contact::bear_by_section(Squeezed since) {
   normal_force.squeezed = since;
   normal_force.lambda = 0;

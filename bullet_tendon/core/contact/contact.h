@@ -65,6 +65,7 @@ struct ContactGeometry {
   double offset = 0;           // c; distance kept from the edge of a mouth [m]
   double gap = 0;              // g, as last evaluated [m]
   double depth_allowance = 0;  // negative gap that may remain at the end of a substep [m]
+  double depth_to_leave = 0;   // the same, where the cross-section does not bear it [m]
   double margin = 0;           // distance of the surfaces at zero gap (threshold) [m]
   double radius = 0;           // of the tendon, or the sum of both tendons' radii [m]
   Rim rim;                     // mouth: its edge; bore: a circle of its wall, less the tendon's radius; round

@@ -564,7 +564,8 @@ void World::finish_contact(Contact& contact, const HeldBack& held, double radius
     const Vec3 shifted = link.put.at(contact.a.of(step_.slots[contact.a.tendon]->x) - link.centre);
     most += std::min(std::max(dot(shifted, contact.geometry.normal), 0.0), radius);
   }
-  contact.geometry.depth_allowance = depth_to_leave(contact, most);
+  contact.geometry.depth_to_leave = depth_to_leave(contact, most);
+  contact.geometry.depth_allowance = contact.geometry.depth_to_leave;
   recall(contact, held.inertia);
 }
 
