@@ -515,10 +515,19 @@ Contact World::plane_contact(SegmentPoint spot, int link_slot, const Tangent& su
 }
 
 // Gap that may remain at the end of the substep [m], negative where there is depth now. The substep corrects
-// its share of the depth that the whole step corrects, which is at most `most` [m].
+// its share of the depth that the whole step corrects, which is at most `most` [m]. The depth is that of the
+// point of the segment which is nearest now. Where the solution does not move, the contact is there, and not
+// at the point that is predicted to be nearest: a depth that was not left would be corrected at once, however
+// short the substep is.
 double World::depth_to_leave(const Contact& contact, double most) const {
   Contact now = contact;
-  now.evaluate(contact.friction.relative_start, true);
+  Vec3 point = contact.friction.relative_start;
+  if (now.follows()) {
+    const Vec3 along = contact.friction.along_start, start = point - contact.a.w1 * along;
+    now.follow(start, start + along);
+    point = start + now.a.w1 * along;
+  }
+  now.evaluate(point, true);
   const double depth = std::max(0.0, -now.geometry.gap), share = step_.substeps.share_left();
   const double left = most * (1 - step_.substeps.share_before());  // correction left to the remaining step
   return -(depth - share * std::min(depth, left));
