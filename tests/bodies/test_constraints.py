@@ -368,3 +368,47 @@ def test_what_stood_on_a_tray_is_removed(make_world, client, restored, ground):
     world.step(240)
     own = sum(t.masses.sum() for t in tendons)
     np.testing.assert_allclose(carried(tendons), G * (0.1 + own), rtol=1e-2)
+
+
+@pytest.mark.parametrize("speed", [0.4, 0.49, 0.6])
+def test_a_cord_that_goes_taut_pulls_at_what_constraints_join(make_world, client, speed):
+    """What pybullet left of errors of two constraints seemed to hold the bodies, and they gained energy."""
+    world = make_world(0.0038, (0, 0, -9.81))
+    masses, heights = (1.702, 0.1445, 0.03252), (-0.4811, -0.5211, -0.5611)
+    offsets = (0.002924, -0.0018722, -0.003196)
+    shapes = [
+        p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.01, 0.015, 0.02], physicsClientId=client),
+        p.createCollisionShape(p.GEOM_CYLINDER, radius=0.01, height=0.02, physicsClientId=client),
+        p.createCollisionShape(p.GEOM_CAPSULE, radius=0.01, height=0.02, physicsClientId=client),
+    ]
+    bodies = []
+    for mass, shape, x, z in zip(masses, shapes, offsets, heights, strict=True):
+        bodies.append(p.createMultiBody(mass, shape, -1, (x, 0, z), physicsClientId=client))
+        p.changeDynamics(bodies[-1], -1, **UNDAMPED, physicsClientId=client)
+    between = zip(bodies, bodies[1:], np.diff(offsets) / 2, np.diff(heights) / 2, strict=False)
+    for upper, lower, x, z in between:
+        join(client, upper, lower, (x, 0, z), (-x, 0, -z), p.JOINT_FIXED)
+    stiff = bt.Material(stiffness=64533.0, exponent=2.0, toe_strain=0.06, tension_only=True, damping=23.0)
+    slack = bt.Material(stiffness=28308.0, exponent=1.147, density=1361.0)
+    cords = []
+    for top, body, law, particles in ((0.0, 0, stiff, 15), (0.14433, 2, slack, 3)):
+        foot = [offsets[body], 0, heights[body]]
+        cords.append(world.add_tendon([[top, 0, 0], foot], 5e-4, law, particles))
+        cords[-1].grip(0), cords[-1].attach(-1, bodies[body])
+    p.resetBaseVelocity(bodies[-1], [speed, 0, 0], [0, 0, 0], client)
+
+    def energy():
+        total = sum(cord.energy + 9.81 * cord.masses @ cord.positions[:, 2] for cord in cords)
+        for body, mass in zip(bodies, masses, strict=True):
+            velocity, spin = p.getBaseVelocity(body, client)
+            moment = p.getDynamicsInfo(body, -1, client)[2][0]
+            height = p.getBasePositionAndOrientation(body, client)[0][2]
+            total += 0.5 * mass * np.dot(velocity, velocity) + 0.5 * moment * np.dot(spin, spin)
+            total += 9.81 * mass * height
+        return total
+
+    start = energy()
+    for _ in range(120):
+        world.step()
+        assert world.report.converged
+        assert energy() < start + 0.01

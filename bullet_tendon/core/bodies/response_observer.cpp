@@ -53,7 +53,8 @@ void Observer::observe(const Numbers& rates, const Numbers& free, const Numbers&
     forward(root_, work_.now.root_acceleration);
     if (!cut || of.jointed) released_ = hold_.acts && was_released(work_.now);
     end_yielding();
-    if (!cut && !released_ && samples_ > 0 && !was_cut() && !of.stops_known) learn(work_.now, gravity, of);
+    if (!cut && !released_ && samples_ > 0 && !was_cut() && !of.stops_known && !of.joined)
+      learn(work_.now, gravity, of);
     note_hold();
     std::swap(previous_, last_);
     std::swap(last_, work_.now);
