@@ -451,6 +451,7 @@ bool read_body(World& w, Articulated& body, const std::vector<int>& slots, const
   GeneralizedBody& m = w.scene.bodies[slots[0]];
   if (m.n() != body.dofs()) m = GeneralizedBody{};
   m.external.clear();
+  m.inertia = {};
   m.history.possible = true;
   const bool continues = is_second_order(w.options.integrator);
   read_dynamics(m, body, reading, continues);

@@ -23,7 +23,6 @@ constexpr int kMidpointSteps = 6;
 
 }  // namespace
 
-// Acceleration by gravity and by its own motion alone.
 // The implicit midpoint rule in axes that turn with the body: energy and momentum are conserved. pybullet
 // keeps the spin in a step, which has the same components in these axes before and after it.
 Vec3 Inertia::gyroscopic_shift(Vec3 w, double dt) const {
@@ -44,6 +43,7 @@ Vec3 Inertia::gyroscopic_shift(Vec3 w, double dt) const {
   return explicitly + (1 / dt) * (moments * (end - w));
 }
 
+// Acceleration by gravity and by its own motion alone.
 const Numbers& GeneralizedBody::known(Vec3 gravity) {
   work_.known.assign(n(), 0.0);
   if (gravity_response.empty()) return work_.known;

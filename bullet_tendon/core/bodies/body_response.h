@@ -84,7 +84,7 @@ struct GeneralizedBody {
   Numbers motion_shift;
   Vec3 gyroscopic_shift;  // as Inertia has it, in this step
   // Generalized forces that pybullet is given besides those of the tendons (n): of limits that joints would
-  // pass in this step, of motion_shift and of left_out.
+  // pass in this step, of motion_shift or gyroscopic_shift, and of left_out.
   Numbers joint_forces;
   Numbers external;  // generalized forces of the user in this step (n); empty: none
   BodyStops stops;
@@ -185,9 +185,10 @@ struct GeneralizedBody {
   bool is_jerked();
   // Determines the motion that the last step owes to this one.
   void take_owed();
-  void add_gyroscopic_shift(double share, Numbers& to) const;
   // Adds that motion to the prediction.
   void give_owed(double dt);
+  // Adds a share of the torque to generalized forces (n; or empty: none).
+  void add_gyroscopic_shift(double share, Numbers& to) const;
   const Numbers& unforced();
   BodyStops::Body stopped() { return {rates, observer, root, change}; }
   Numbers explain_stops(const Numbers& reported, const Numbers& reached);

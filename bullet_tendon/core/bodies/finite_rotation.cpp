@@ -174,9 +174,10 @@ Rot3 FiniteRotation::since_begun(Vec3 theta) const {
 
 void FiniteRotation::turn_by(Vec3 by) {
   theta = predicted + by;
-  rotation = since_begun(theta);
   const Parts parts(axis, theta);
-  rate = rate_of(axis, parts.slowed()) * parts.rate();
+  const Vec3 psi = parts.slowed();
+  rotation = turned_by(axis, psi) * rotation_of_step(-begun);
+  rate = rate_of(axis, psi) * parts.rate();
 }
 
 Vec3 FiniteRotation::beyond_theta() const {

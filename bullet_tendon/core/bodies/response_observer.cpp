@@ -67,10 +67,10 @@ void Observer::observe(const Numbers& rates, const Numbers& free, const Numbers&
 }
 
 void Observer::take_effective() {
-  if (hold_.acts)
-    product(n_, root_, share_root_, effective_root_);
-  else
+  if (responds_freely())
     effective_root_ = root_;
+  else
+    product(n_, root_, share_root_, effective_root_);
 }
 
 void Observer::refresh(const Numbers& rates) {
@@ -142,10 +142,7 @@ void Observer::turn_to(const Rot3& axes, const Numbers& free) {
   const Rot3 turn = axes * transposed(axes_);
   axes_ = axes;
   dense::root(n_, free, root_);
-  if (hold_.yields)
-    effective_root_ = root_;
-  else
-    take_effective();
+  take_effective();
   if (!std::exchange(axes_known_, true)) return;
   for (Numbers* v : {&forces_, &applied_, &push_, &hold_.push, &last_.forces, &last_.acceleration,
                      &previous_.forces, &previous_.acceleration}) {
@@ -203,8 +200,8 @@ void Observer::let_yield(double share) {
   hold_.push = push_;
   push_ = work_.s;
   for (double& a : push_) a *= share;
-  effective_root_ = root_;
   hold_.yields = true;
+  take_effective();
 }
 
 bool Observer::limit_hold(const Numbers& tendons, double dt) {
