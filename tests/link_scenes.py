@@ -61,6 +61,19 @@ def matrix(quaternion):
     return np.array(p.getMatrixFromQuaternion(quaternion)).reshape(3, 3)
 
 
+def body_energy(client, bodies, gravity):
+    """Kinetic, and of gravity [J], of rigid bodies; gravity: down [m/s^2]."""
+    total = 0.0
+    for body in bodies:
+        velocity, spin = map(np.array, p.getBaseVelocity(body, client))
+        centre, axes = p.getBasePositionAndOrientation(body, client)
+        mass, _, moments = p.getDynamicsInfo(body, -1, client)[:3]
+        turning = matrix(axes).T @ spin
+        total += 0.5 * (mass * velocity @ velocity + turning @ (moments * turning))
+        total += mass * gravity * centre[2]
+    return total
+
+
 def link_frame(client, body, link):
     """Position and rotation of a link's URDF frame in the world."""
     if link >= 0:

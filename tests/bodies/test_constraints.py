@@ -3,7 +3,7 @@
 import numpy as np
 import pybullet as p
 import pytest
-from link_scenes import UNDAMPED, free_ball, links_on_joints
+from link_scenes import UNDAMPED, body_energy, free_ball, links_on_joints
 from random_robots import robot, turn
 
 import bullet_tendon as bt
@@ -26,18 +26,6 @@ def join(client, a, b, at_a, at_b, kind=p.JOINT_POINT2POINT, link=-1):
     """A constraint of body a with body b (-1: the world), at points of their inertial frames."""
     p.setCollisionFilterPair(a, b, -1, -1, 0, physicsClientId=client)
     return p.createConstraint(a, -1, b, link, kind, [0, 0, 1], list(at_a), list(at_b), physicsClientId=client)
-
-
-def energy(client, bodies):
-    """Kinetic, and of gravity [J]."""
-    total = 0.0
-    for body in bodies:
-        velocity, spin = map(np.array, p.getBaseVelocity(body, client))
-        centre, axes = p.getBasePositionAndOrientation(body, client)
-        mass, _, moments = p.getDynamicsInfo(body, -1, client)[:3]
-        turning = np.reshape(p.getMatrixFromQuaternion(axes), (3, 3)).T @ spin
-        total += 0.5 * (mass * velocity @ velocity + turning @ (moments * turning)) + mass * G * centre[2]
-    return total
 
 
 def hung(world, client, masses, kind, aside=0.0):
@@ -64,12 +52,12 @@ def test_a_light_body_joined_to_a_heavy_one_gains_no_energy(make_world, client, 
         rate = speed / (LENGTH + 0.06)
         height = p.getBasePositionAndOrientation(body, client)[0][2]
         p.resetBaseVelocity(body, [-rate * height, 0, 0], [0, -rate, 0], client)
-    given = energy(client, bodies)
+    given = body_energy(client, bodies, G)
     lowest = -sum(G * mass * (LENGTH + 0.1) for mass in (0.02, 2.0))
     for _ in range(int(2 / dt)):
         world.step()
         assert world.report.converged
-        assert energy(client, bodies) + t.energy <= given + 0.02 * (given - lowest)
+        assert body_energy(client, bodies, G) + t.energy <= given + 0.02 * (given - lowest)
 
 
 @STEPS
@@ -258,7 +246,7 @@ def test_joined_bodies_that_are_parted_conserve_momentum(make_world, client, kin
     world.step(12)
     p.removeConstraint(pin, client)
     before = p.getBaseVelocity(b, client)[0]
-    given = energy(client, [a]) + t.energy + 0.3 * G * LENGTH
+    given = body_energy(client, [a], G) + t.energy + 0.3 * G * LENGTH
     for _ in range(240):
         world.step()
         np.testing.assert_allclose(p.getBaseVelocity(b, client)[0], before, atol=1e-9)
@@ -326,11 +314,11 @@ def test_a_tray_swings_with_what_stands_on_it(make_world, client, dt):
     for one in bodies:
         p.changeDynamics(one, -1, lateralFriction=1.0, physicsClientId=client)
         p.resetBaseVelocity(one, [0.5, 0, 0], [0, 0, 0], client)
-    given = energy(client, bodies)
+    given = body_energy(client, bodies, G)
     for _ in range(round(2 / dt)):
         world.step()
         assert world.report.converged
-        assert energy(client, bodies) + sum(t.energy for t in tendons) <= given + 0.01
+        assert body_energy(client, bodies, G) + sum(t.energy for t in tendons) <= given + 0.01
     above = np.subtract(*(p.getBasePositionAndOrientation(b, client)[0] for b in bodies[::-1]))
     assert np.linalg.norm(above[:2]) < 0.005
 
@@ -398,14 +386,8 @@ def test_a_cord_that_goes_taut_pulls_at_what_constraints_join(make_world, client
     p.resetBaseVelocity(bodies[-1], [speed, 0, 0], [0, 0, 0], client)
 
     def energy():
-        total = sum(cord.energy + 9.81 * cord.masses @ cord.positions[:, 2] for cord in cords)
-        for body, mass in zip(bodies, masses, strict=True):
-            velocity, spin = p.getBaseVelocity(body, client)
-            moment = p.getDynamicsInfo(body, -1, client)[2][0]
-            height = p.getBasePositionAndOrientation(body, client)[0][2]
-            total += 0.5 * mass * np.dot(velocity, velocity) + 0.5 * moment * np.dot(spin, spin)
-            total += 9.81 * mass * height
-        return total
+        cord_energy = sum(cord.energy + G * cord.masses @ cord.positions[:, 2] for cord in cords)
+        return cord_energy + body_energy(client, bodies, G)
 
     start = energy()
     for _ in range(120):

@@ -3,7 +3,8 @@
 import numpy as np
 import pybullet as p
 import pytest
-from link_scenes import matrix
+from link_scenes import block, body_energy, matrix
+from scipy.spatial.transform import Rotation
 
 import bullet_tendon as bt
 
@@ -16,13 +17,10 @@ def cable(stiffness):
 
 def strut(client, start, end, mass, radius=THICKNESS, **dynamics):
     """A cylinder from start to end."""
-    along = np.asarray(end) - start
-    length = np.linalg.norm(along)
-    across = np.cross([0, 0, 1], along / length)
-    half = 0.5 * np.arctan2(np.linalg.norm(across), along[2] / length)
-    axis = across / max(np.linalg.norm(across), 1e-12)
-    shape = p.createCollisionShape(p.GEOM_CYLINDER, radius=radius, height=length, physicsClientId=client)
-    middle, turned = np.add(start, end) / 2, [*(np.sin(half) * axis), np.cos(half)]
+    along = np.subtract(end, start)
+    height = np.linalg.norm(along)
+    shape = p.createCollisionShape(p.GEOM_CYLINDER, radius=radius, height=height, physicsClientId=client)
+    middle, turned = np.add(start, end) / 2, Rotation.align_vectors([along], [[0, 0, 1]])[0].as_quat()
     body = p.createMultiBody(mass, shape, -1, middle, turned, physicsClientId=client)
     p.changeDynamics(body, -1, **dynamics, physicsClientId=client)
     return body
@@ -46,13 +44,8 @@ def spin(client, body):
 
 def energy(client, tendons, bodies, gravity=0.0):
     """Of cables and bodies [J]."""
-    total = sum(tendon.energy + gravity * tendon.masses @ tendon.positions[:, 2] for tendon in tendons)
-    for body in bodies:
-        info, velocity = p.getDynamicsInfo(body, -1, client), p.getBaseVelocity(body, client)[0]
-        height = p.getBasePositionAndOrientation(body, client)[0][2]
-        moving = 0.5 * info[0] * np.dot(velocity, velocity)
-        total += moving + 0.5 * np.dot(info[2], spin(client, body) ** 2) + gravity * info[0] * height
-    return total
+    cables = sum(tendon.energy + gravity * tendon.masses @ tendon.positions[:, 2] for tendon in tendons)
+    return cables + body_energy(client, bodies, gravity)
 
 
 @pytest.mark.parametrize("mass", [0.005, 0.02, 0.2])
@@ -92,9 +85,7 @@ def test_what_spins_on_cords_gains_no_energy(make_world, client, half, dt, seed)
     """A disc, a rod and a plate at 60 rad/s. pybullet's own gyroscopic torque gave them up to 9 J."""
     rng = np.random.default_rng(seed)
     world = make_world(dt, (0, 0, -G))
-    shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=half, physicsClientId=client)
-    body = p.createMultiBody(0.2, shape, physicsClientId=client)
-    p.changeDynamics(body, -1, linearDamping=0, angularDamping=0, physicsClientId=client)
+    body = block(client, 0.2, half=half)
     p.resetBaseVelocity(body, [0, 0, 0], 60 * np.array([*(0.1 * rng.normal(size=2)), 1]), client)
     cords = []
     for side in (1, -1):
@@ -112,9 +103,7 @@ def test_what_spins_on_cords_gains_no_energy(make_world, client, half, dt, seed)
 def test_a_body_that_tumbles_on_a_cord_at_its_centre_keeps_energy_and_momentum(make_world, client, half):
     """The cord gives it no torque. By pybullet's gyroscopic torque it gained 24 to 31 % in ten steps."""
     world = make_world(1 / 60)
-    shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=half, physicsClientId=client)
-    body = p.createMultiBody(0.2, shape, physicsClientId=client)
-    p.changeDynamics(body, -1, linearDamping=0, angularDamping=0, physicsClientId=client)
+    body = block(client, 0.2, half=half)
     p.resetBaseVelocity(body, [0, 0, 0], [15, 20, 10], client)
     join(world, None, body, [(0, 0, 0.3), (0, 0, 0)], cable(2000), 6, 0)
     moments, spins = np.array(p.getDynamicsInfo(body, -1, client)[2]), []

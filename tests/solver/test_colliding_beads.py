@@ -96,6 +96,6 @@ def test_a_locked_string_is_not_thrown(client, seed, steps):
 
 @pytest.mark.filterwarnings("ignore::bullet_tendon.ResolutionWarning")
 def test_bodies_that_part_after_a_release(client):
-    """Beads that touched in one step and not in the next one are other bodies: it is not solved again."""
+    """Beads that touched in one step and not in the next one are other bodies; the step is solved again."""
     for _, cord, _ in steps_of(client, 10, 46):
         assert np.isfinite(cord.positions).all()
