@@ -6,6 +6,7 @@ import pytest
 from link_scenes import add_mesh
 
 import bullet_tendon as bt
+from bullet_tendon.mesh_queries import MeshQuery
 
 R, DT = 0.003, 1 / 240
 ROPE = bt.Material(stiffness=2e3, damping=1.0, friction=0.0)
@@ -113,3 +114,29 @@ def test_a_tendon_between_two_walls_leaves_neither_unseen(make_world, client, sp
             z = t.positions[:, 2]
             assert z.min() >= -2e-3 * R and z.max() <= room * R + 2e-3 * R
     assert z.max() >= 0.9 * room * R
+
+
+def test_the_oracle_measures_particles_and_the_segments_follow_from_them(make_world, client, monkeypatch):
+    """A tendon across the tip of an octahedron, which only the middle segment touches, in the first step."""
+    size, n = 0.05, 6
+    vertices = size * np.vstack([np.eye(3), -np.eye(3)])
+    faces = [[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2], [1, 0, 5], [3, 1, 5], [4, 3, 5], [0, 4, 5]]
+    world = make_world(DT)
+    add_mesh(world, client, vertices, faces)
+    height = size + 0.9 * R
+    t = world.add_tendon([[-0.05, 0.0, height], [0.05, 0.0, height]], R, ROPE, n)
+    t.grip(0)
+    t.grip(-1)
+    measured = []
+    measure = MeshQuery.__call__
+
+    def counted(self, start, way):
+        measured.append(np.linalg.norm(way))
+        return measure(self, start, way)
+
+    monkeypatch.setattr(MeshQuery, "__call__", counted)
+    world.step()
+    assert 0 < len(measured) <= n and not np.any(measured)
+    (contact,) = world.contacts[world.contacts["normal_force"] > 0]
+    assert contact["position"][:2] == pytest.approx([0.0, 0.0], abs=1e-9)
+    assert contact["distance"] == pytest.approx(contact["position"][2] - size - R, abs=1e-9)

@@ -20,6 +20,11 @@ constexpr double kBuried = 1e-3;
 
 }  // namespace
 
+void Queries::clear() {
+  by_oracle.clear();
+  from_ends.clear();
+}
+
 Pose in_world(const Shape& shape, const Link& link) {
   return {link.pose.rotation * shape.local.rotation, to_world(link.pose, shape.local.origin)};
 }
@@ -160,13 +165,25 @@ void take_plane(Entry& e, const Query& q, const Plane& found, double distance) {
   e.wanted = is_within_reach(e);
 }
 
+// Takes the nearest point that a search of the mesh has found.
+void take_nearest(Entry& e, const Query& q, const Nearest& found) {
+  e.nearby.clear();  // it is not complete up to e.listed
+  if (found.distance == 0) return cross_surface(e);
+  e.listed = (1 + 2 * kListed) * found.distance;
+  take_plane(e, q, plane_of(found, q.a, q.b, e.asked.normal), found.distance);
+}
+
+// Upper bound of a distance to a mesh: that to one of its points, in spite of rounding.
+double bound_of(Vec3 from, Vec3 point) { return (1 + kRoundingShare) * norm(from - point); }
+
 // Decides for one feature between skipping, reusing, searching and querying.
 struct Considering {
+  const int particles;
   const Shape& shape;
   const Link& link;
   const Pose pose;
   const NearContext& context;
-  std::vector<Query>& queries;
+  Queries& queries;
   NearCounts& counts;
 
   void operator()(Entry& e, const Query& query, double reach) {
@@ -189,11 +206,12 @@ struct Considering {
       const Nearest found = search(e, query, reusable);
       if (found.distance > 0 || is_drilled()) {
         ++counts.searched;
-        return take(e, query, found);
+        return take_nearest(e, query, found);
       }
     }
     ++counts.queried;
-    if (!shape.primitive) return queries.push_back(query);
+    if (context.surface && !e.known && query.feature >= particles) return queries.from_ends.push_back(query);
+    if (!shape.primitive) return queries.by_oracle.push_back(query);
     const Primitive::Nearest found = shape.primitive.nearest(query.a, query.b);
     answer(query, found.distance, found.point, found.u, pose, context, e);
   }
@@ -222,18 +240,10 @@ struct Considering {
     return moved < e.distance || !(surface.is_between(e.a, q.a) || surface.is_between(e.b, q.b));
   }
 
-  // The present distance to the last nearest point is an upper bound, in spite of rounding.
   Nearest search(const Entry& e, const Query& q, bool bounded) const {
     if (!bounded) return context.surface->search(q.a, q.b, HUGE_VAL);
     const Vec3 last = (1 - e.asked.u) * q.a + e.asked.u * q.b;
-    return context.surface->search(q.a, q.b, (1 + kRoundingShare) * norm(last - e.asked.point));
-  }
-
-  void take(Entry& e, const Query& q, const Nearest& found) const {
-    e.nearby.clear();  // it is not complete up to e.listed
-    if (found.distance == 0) return cross_surface(e);
-    e.listed = (1 + 2 * kListed) * found.distance;
-    take_plane(e, q, plane_of(found, q.a, q.b, e.asked.normal), found.distance);
+    return context.surface->search(q.a, q.b, bound_of(last, e.asked.point));
   }
 
   bool still_true(Entry& e, const Query& q, double moved) const {
@@ -249,7 +259,7 @@ struct Considering {
 }  // namespace
 
 void ask(const Tendon& tendon, int tendon_slot, const Shape& shape, int shape_slot, const Link& link,
-         const NearContext& context, NearCache& cache, std::vector<Query>& queries, NearCounts& counts) {
+         const NearContext& context, NearCache& cache, Queries& queries, NearCounts& counts) {
   const int n = tendon.n();
   const Pose pose = in_world(shape, link);
   for (Entry& e : cache.entries) e.wanted = false;
@@ -279,7 +289,7 @@ void ask(const Tendon& tendon, int tendon_slot, const Shape& shape, int shape_sl
   if (cache.entries.size() != static_cast<size_t>(2 * n - 1)) cache.entries.assign(2 * n - 1, Entry{});
   cache.local = local;
   cache.way = way;
-  Considering consider{shape, link, pose, context, queries, counts};
+  Considering consider{n, shape, link, pose, context, queries, counts};
   // In a bore its wall is felt, and before a mouth the edge of that.
   auto is_spared = [&](int feature, Bored bored) {
     return bored == Bored::within || (bored == Bored::ahead && !is_pressed(context, feature));
@@ -425,6 +435,15 @@ Tangent tangent_of(const NearCache& cache, const Shape& shape, int feature, Vec3
   const double angle = std::min(std::max(std::atan2(curvature * aside, 1 + curvature * height), -most), most);
   const double s = std::sin(angle), c = std::cos(angle);
   return {point + (s / curvature) * along + (-(1 - c) / curvature) * normal, c * normal + s * along};
+}
+
+void measure_from_ends(const Query& q, const Surface& surface, NearCache& cache) {
+  const int particles = static_cast<int>(cache.local.size());
+  const Entry &start = cache.entries[q.feature - particles], &end = cache.entries[q.feature - particles + 1];
+  double within = HUGE_VAL;
+  if (start.known) within = bound_of(q.a, start.asked.point);
+  if (end.known) within = std::min(within, bound_of(q.b, end.asked.point));
+  take_nearest(cache.entries[q.feature], q, surface.search(q.a, q.b, within));
 }
 
 }  // namespace bt

@@ -12,7 +12,9 @@
 //   searched mesh: for the nearest triangle; the distance to the last nearest point is an upper bound. A mesh
 //            with bores is what they leave of it, which FCL does not know: it is always searched,
 //   queried  otherwise: where nothing is known, or the feature crosses the surface or has passed through it.
-//            Primitives are measured in closed form here (geometry/primitive_distance.h).
+//            Primitives are measured in closed form here (geometry/primitive_distance.h). Of a mesh, FCL
+//            measures the particles first. Segments of which nothing is known are then searched: the
+//            distances to the nearest points of their ends are upper bounds.
 // All conditions use the present position of the feature. Therefore entries are not restored with a step.
 //
 // After a displacement from distance d, the distance to a convex primitive is at least the height d' over the
@@ -59,6 +61,14 @@ struct Query {
   Vec3 a, b;                   // shape frame
 };
 
+// What one detection measures.
+struct Queries {
+  std::vector<Query> by_oracle;
+  std::vector<Query> from_ends;  // segments, after their ends
+
+  void clear();
+};
+
 struct NearCounts {
   long considered = 0, culled = 0, skipped = 0, reused = 0, searched = 0, queried = 0;
   long tunnels = 0,
@@ -94,12 +104,14 @@ struct NearContext {
 
 // Appends the queries needed for one tendon and one shape, and marks the entries that need contacts.
 void ask(const Tendon& tendon, int tendon_slot, const Shape& shape, int shape_slot, const Link& link,
-         const NearContext& context, NearCache& cache, std::vector<Query>& queries, NearCounts& counts);
+         const NearContext& context, NearCache& cache, Queries& queries, NearCounts& counts);
 
 // Stores the answer to a query: distance [m], nearest surface point (shape frame) and parameter. For a mesh,
 // the distance to the listed triangles replaces it, as between queries. pose: of the shape.
 void answer(const Query& query, double distance, Vec3 point, double u, const Pose& pose,
             const NearContext& context, Entry& entry);
+// Measures a segment near a mesh, of which only its ends are known.
+void measure_from_ends(const Query& query, const Surface& surface, NearCache& cache);
 
 // Marks the insertions of a tendon in a mesh, and lets them make no contact: the particles inside of the mesh
 // from an attachment to its link on, and the segments with an end inside. Triangles repel on both sides, so

@@ -226,16 +226,20 @@ void World::update_proximity(DistanceOracle& oracle) {
       }
     }
   }
-  if (!detection_.queries.empty())
-    oracle.measure(detection_.queries, detection_.distances, detection_.points, detection_.parameters);
-  for (size_t q = 0; q < detection_.queries.size(); ++q) {
-    const Query& query = detection_.queries[q];
+  const std::vector<Query>& queries = detection_.queries.by_oracle;
+  if (!queries.empty())
+    oracle.measure(queries, detection_.distances, detection_.points, detection_.parameters);
+  for (size_t q = 0; q < queries.size(); ++q) {
+    const Query& query = queries[q];
     const Shape& shape = *scene.shapes[query.shape];
     Entry& entry = detection_.caches[query.tendon][query.shape].entries[query.feature];
     answer(query, detection_.distances[q], detection_.points[q], detection_.parameters[q],
            in_world(shape, scene.links[shape.link]), near_context(*scene.tendons[query.tendon], query.shape),
            entry);
   }
+  for (const Query& query : detection_.queries.from_ends)
+    measure_from_ends(query, *scene.shapes[query.shape]->surface,
+                      detection_.caches[query.tendon][query.shape]);
   for (auto [tendon, c] : filled(step_.slots))
     for (auto [s, shape] : filled(scene.shapes))
       if (shape.solid) leave_out_insertions(c, shape, bores_for(c, shape.link), detection_.caches[tendon][s]);

@@ -98,7 +98,7 @@ struct StepState {
 // Distances and candidate pairs for contacts.
 struct Detection {
   std::vector<std::vector<NearCache>> caches;  // [tendon][shape]
-  std::vector<Query> queries;
+  Queries queries;
   std::vector<double> distances;  // answers by query: distances [m], surface points, segment parameters
   std::vector<Vec3> points;
   std::vector<double> parameters;
