@@ -93,10 +93,8 @@ class Stepper:
         except p.error:
             self._bodies.require_client()
             raise
-        if self._placement.new:
-            self._placement.look()
         links = self._links
-        outcome = self._core.apply(parameters, self._sense if links else None, self._measure)
+        outcome = self._core.apply(parameters, self._look_and_sense if links else None, self._measure)
         if outcome == _BAD_PARAMETERS:
             _checked(parameters)
         self._is_read = False
@@ -181,6 +179,11 @@ class Stepper:
         worst = self._tendons.get(report.worst_tendon)
         name = "?" if worst is None else worst.name
         return StepFailed(name, report.worst_particle, report.residual, self._options.tolerance)
+
+    def _look_and_sense(self, dt: float, gravity: tuple) -> None:
+        if self._placement.new:
+            self._placement.look()
+        self._sense(dt, gravity)
 
     def _sense(self, dt: float, gravity: tuple, was_read: bool = True) -> None:
         """Read where links are and how they respond; correct a last step with a release or a sudden pull.
