@@ -536,6 +536,11 @@ void bind_testing(py::module_& testing) {
       .def("find", &Probe::find)
       .def("set_rest", [](Probe& p, int c, const std::vector<double>& rest) { p.tendons[c].set_rest(rest); })
       .def("forget", [](Probe& p) { p.search.clear(); });
+  testing.def("root", [](int n, const dense::Numbers& a) {
+    dense::Numbers l;
+    dense::root(n, a, l);
+    return l;
+  });
   testing.def("sparse_solutions", &sparse_solutions, py::arg("systems"), py::arg("through") = false)
       .def("sparse_columns", &sparse_columns)
       .def("sparse_negative", &sparse_negative)

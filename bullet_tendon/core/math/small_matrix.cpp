@@ -5,6 +5,7 @@
 #include <limits>
 
 #include "math/rounding.h"
+#include "math/simd.h"
 
 namespace bt {
 
@@ -84,22 +85,54 @@ void product(int size, const Numbers& a, const Numbers& b, Numbers& c) {
   });
 }
 
-void root(int size, const Numbers& a, Numbers& l) {
-  l.assign(a.size(), 0.0);
-  of_size(size, [&](auto n) {
-    const double* from = a.data();
-    double* __restrict to = l.data();
-    for (int j = 0; j < n; ++j) {
-      double pivot = from[j * n + j];
-      for (int k = 0; k < j; ++k) pivot -= to[j * n + k] * to[j * n + k];
-      if (!(pivot > kFormRounding * from[j * n + j])) continue;
-      const double d = to[j * n + j] = std::sqrt(pivot);
-      for (int i = j + 1; i < n; ++i) {
-        double sum = from[i * n + j];
-        for (int k = 0; k < j; ++k) sum -= to[i * n + k] * to[j * n + k];
-        to[i * n + j] = sum / d;
-      }
+namespace {
+
+// The transposed factor, in the upper triangle of l: in its rows, the numbers of a step of the elimination
+// are neighbours. end: by row, where its numbers that are not zero end; unless it is null.
+template <class Size>
+BT_WITHIN inline void eliminate_rows(Size n, const double* a, double* __restrict l, int* end) {
+  for (int j = 0; j < n; ++j) {
+    double* row = l + j * n;
+    for (int i = j; i < n; ++i) row[i] = a[i * n + j];
+    for (int k = 0; k < j; ++k) {
+      const double* above = l + k * n;
+      const double share = above[j];
+      const int to = end ? end[k] : static_cast<int>(n);
+      if (end && share == 0) continue;
+#pragma GCC ivdep
+      for (int i = j; i < to; ++i) row[i] -= above[i] * share;
     }
+    const bool is_zero = !(row[j] > kFormRounding * a[j * n + j]);
+    const double d = is_zero ? 1 : std::sqrt(row[j]);
+    for (int i = j; i < n; ++i) row[i] = is_zero ? 0 : row[i] / d;
+    row[j] = is_zero ? 0 : d;
+    if (!end) continue;
+    end[j] = n;
+    while (end[j] > j && row[end[j] - 1] == 0) --end[j];
+  }
+}
+
+BT_VECTOR void eliminate(int n, const double* a, double* l) {
+  static thread_local std::vector<int> end;  // keeps its memory
+  end.resize(n);
+  eliminate_rows(n, a, l, end.data());
+}
+
+void eliminate(std::integral_constant<int, 6> rigid, const double* a, double* l) {
+  eliminate_rows(rigid, a, l, nullptr);
+}
+
+}  // namespace
+
+void root(int size, const Numbers& a, Numbers& l) {
+  l.resize(a.size());
+  of_size(size, [&](auto n) {
+    eliminate(n, a.data(), l.data());
+    for (int i = 0; i < n; ++i)
+      for (int k = 0; k < i; ++k) {
+        l[i * n + k] = l[k * n + i];
+        l[k * n + i] = 0;
+      }
   });
 }
 

@@ -403,17 +403,26 @@ void find_spans(Island& island) {
   for (Border& border : island.bodies.borders) list_marks(border);
 }
 
-void start_panel(Panel& panel, int n, const Border& border) {
-  for (Columns* c : {&panel.pulls, &panel.answers, &panel.moves})
-    if (!c->fits(n)) {
-      c->resize(n);
-      panel.pulled.clear();
-    }
-  for (int i : panel.pulled) panel.pulls.zero(i, i);
-  for (size_t k = 0; panel.moved && k < panel.pulled.size(); ++k)
-    panel.moves.zero(panel.pulled[k], panel.pulled[k]);
-  panel.pulled = border.pulled;
-  panel.moved = border.carried;
+// Makes the columns of a panel zero, where they are not.
+void start_panel(Panel& panel, int n) {
+  auto clear = [&](Columns& columns, bool& any) {
+    if (!columns.fits(n))
+      columns.resize(n);
+    else if (any)
+      for (int i : panel.pulled) columns.zero(i, i);
+    any = false;
+  };
+  clear(panel.pulls, panel.pulls_any);
+  clear(panel.moves, panel.moves_any);
+  if (!panel.answers.fits(n)) panel.answers.resize(n);
+  panel.answered = false;
+}
+
+BT_WITHIN inline bool any(const Eight* numbers, int count) {
+  bool found = false;
+  for (int c = 0; c < count; ++c)
+    for (int j = 0; j < kLanes; ++j) found |= numbers[c][j] != 0;
+  return found;
 }
 
 // Sets the twists of links by the unknowns from `column` on.
@@ -436,7 +445,9 @@ void move_links(Island& island, int column) {
 
 BT_VECTOR void move_carried(Island& island, size_t p) {
   each_column(island, &Anchor::carries, [&](Tendon& c, Border& border, const Anchor& h, Vec3 arm) BT_WITHIN {
+    if (!island.bodies.of_links[h.link].moves) return;
     Panel& panel = border.panels[p];
+    panel.moves_any = true;
     place_at(island.bodies.of_links[h.link].twist, arm, panel.moves.at(h.particle));
     move_particle(c.matrix, h.particle, panel);
   });
@@ -508,6 +519,7 @@ BT_VECTOR void fill_corner(Island& island, int column) {
   for (int l : island.bodies.carried) {
     const Link& link = island.bodies.link(l);
     const GeneralizedBody& m = island.bodies.body(link.body);
+    if (!any(island.bodies.of_links[l].load, 6)) continue;
     for (int i = 0; i < m.n(); ++i) {
       Eight sum{};
       for (int r = 0; r < 6; ++r)
@@ -555,6 +567,15 @@ void project_anchors(Island& island, size_t p) {
   }
 }
 
+// Most bodies of a large island do not act on most of its tendons.
+BT_VECTOR void find_pulling(Island& island, size_t p) {
+  for (Border& border : island.bodies.borders) {
+    Panel& panel = border.panels[p];
+    for (int i : border.pulled) panel.pulls_any |= any(panel.pulls.at(i), 3);
+    if (panel.pulls_any || panel.moves_any) panel.pulled = border.pulled;
+  }
+}
+
 }  // namespace
 
 void make_border(Island& island, bool definite) {
@@ -569,7 +590,7 @@ void make_border(Island& island, bool definite) {
     const int column = static_cast<int>(p) * kLanes;
     for (size_t k = 0; k < island.tendons.size(); ++k) {
       if (island.bodies.borders[k].panels.size() <= p) island.bodies.borders[k].panels.resize(p + 1);
-      start_panel(island.bodies.borders[k].panels[p], island.tendons[k]->n(), island.bodies.borders[k]);
+      start_panel(island.bodies.borders[k].panels[p], island.tendons[k]->n());
     }
     move_links(island, column);
     move_carried(island, p);
@@ -577,6 +598,7 @@ void make_border(Island& island, bool definite) {
     couple_lines(island, p);
     fill_corner(island, column);
     project_anchors(island, p);
+    find_pulling(island, p);
   }
 }
 
@@ -593,12 +615,14 @@ int count_of(const Island& island, size_t panel) {
 // C^T A^-1 C, with the columns of panel p and the rows of panel q.
 BT_VECTOR void multiply_answers(const Island& island, size_t p, size_t q, Eight* out) {
   Eight sums[kLanes] = {};
-  for (const Border& border : island.bodies.borders)
+  for (const Border& border : island.bodies.borders) {
+    if (!border.panels[q].pulls_any || !border.panels[p].answered) continue;
     for (int i : border.pulled)
       for (int c = 0; c < 3; ++c) {
         const Eight pull = border.panels[q].pulls.at(i)[c], answer = border.panels[p].answers.at(i)[c];
         for (int a = 0; a < kLanes; ++a) sums[a] += pull[a] * answer;
       }
+  }
   std::copy(sums, sums + kLanes, out);
 }
 
@@ -606,6 +630,7 @@ BT_VECTOR void multiply_answers(const Island& island, size_t p, size_t q, Eight*
 BT_VECTOR void multiply_steps(const Island& island, size_t p, Which x, Eight& sum) {
   for (size_t k = 0; k < island.bodies.borders.size(); ++k) {
     const Border& border = island.bodies.borders[k];
+    if (!border.panels[p].pulls_any) continue;
     for (int i : border.pulled)
       for (int c = 0; c < 3; ++c) sum += (island.tendons[k]->*x)[c][i] * border.panels[p].pulls.at(i)[c];
   }
@@ -613,6 +638,7 @@ BT_VECTOR void multiply_steps(const Island& island, size_t p, Which x, Eight& su
 
 // Subtracts panel p's columns times `shares` from a tendon's column.
 BT_VECTOR void take_pulls(const Border& border, size_t p, const Eight& shares, Field& from) {
+  if (!border.panels[p].pulls_any) return;
   for (int i : border.pulled)
     for (int c = 0; c < 3; ++c) {
       const Eight all = shares * border.panels[p].pulls.at(i)[c];

@@ -19,7 +19,8 @@ struct Panel {
   Columns answers;          // A^-1 C
   Columns moves;            // derivatives of the displacements of its carried particles (attached to bodies)
   std::vector<int> pulled;  // blocks outside which pulls and moves are zero
-  bool moved = false;       // moves are not zero
+  // Whether pulls or moves are not zero, and whether answers are known: else they are zero.
+  bool pulls_any = false, moves_any = false, answered = false;
 };
 
 // All columns, for one tendon. Pulls and moves are zero in all blocks but `pulled`, which lie between first

@@ -257,6 +257,9 @@ bool apply_inverse(Island& island, const Options& o, Which b, Which x) {
 
 // Computes A^-1 C for the columns of panel p, at least in the blocks of the border.
 bool answer_columns(Island& island, const Options& o, size_t p) {
+  const bool coupled = island.coupled || o.linear_solver == LinearSolver::pcg;
+  for (Border& border : island.bodies.borders)
+    border.panels[p].answered = coupled || border.panels[p].pulls_any;
   if (o.linear_solver == LinearSolver::pcg) {
     const int columns = std::min(kLanes, island.bodies.freedom - static_cast<int>(p) * kLanes);
     for (int lane = 0; lane < columns; ++lane) {
@@ -272,7 +275,7 @@ bool answer_columns(Island& island, const Options& o, size_t p) {
   }
   for (size_t k = 0; k < island.tendons.size(); ++k) {
     Border& b = island.bodies.borders[k];
-    if (b.first <= b.last)
+    if (b.panels[p].answered)
       island.tendons[k]->factor.solve(b.panels[p].pulls, b.first, b.last, b.panels[p].answers);
   }
   return true;
