@@ -31,6 +31,7 @@ NAMES = [
     "coupling",
     "haptic",
     "heap",
+    "many_bodies",
     "multibody",
     "peers",
     "recorder",
