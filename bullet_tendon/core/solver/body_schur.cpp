@@ -418,13 +418,6 @@ void start_panel(Panel& panel, int n) {
   panel.answered = false;
 }
 
-BT_WITHIN inline bool any(const Eight* numbers, int count) {
-  bool found = false;
-  for (int c = 0; c < count; ++c)
-    for (int j = 0; j < kLanes; ++j) found |= numbers[c][j] != 0;
-  return found;
-}
-
 // Sets the twists of links by the unknowns from `column` on.
 void move_links(Island& island, int column) {
   island.bodies.of_links.resize(island.bodies.links->size());
@@ -447,7 +440,7 @@ BT_VECTOR void move_carried(Island& island, size_t p) {
   each_column(island, &Anchor::carries, [&](Tendon& c, Border& border, const Anchor& h, Vec3 arm) BT_WITHIN {
     if (!island.bodies.of_links[h.link].moves) return;
     Panel& panel = border.panels[p];
-    panel.moves_any = true;
+    panel.moves_any = panel.pulls_any = true;
     place_at(island.bodies.of_links[h.link].twist, arm, panel.moves.at(h.particle));
     move_particle(c.matrix, h.particle, panel);
   });
@@ -463,7 +456,7 @@ struct Coupled {
 BT_WITHIN inline Coupled coupled(const Border& border, Panel& panel, int first) {
   return {{panel.moves.at(first), panel.moves.at(first + 1)},
           {panel.pulls.at(first), panel.pulls.at(first + 1)},
-          ((border.marks[first] | border.marks[first + 1]) & kCarried) != 0};
+          panel.moves_any && ((border.marks[first] | border.marks[first + 1]) & kCarried) != 0};
 }
 
 BT_VECTOR void couple_contacts(Island& island, size_t p) {
@@ -473,15 +466,20 @@ BT_VECTOR void couple_contacts(Island& island, size_t p) {
     if (!pair && !contact.moves) continue;
     const ContactMatrix& k = island.of_contacts[c];
     Border& border = border_of(island, contact.a);
-    const Coupled a = coupled(border, border.panels[p], contact.a.first);
+    Panel& panel = border.panels[p];
+    const Coupled a = coupled(border, panel, contact.a.first);
     Coupled b;
     if (pair) {
       Border& other = border_of(island, contact.b);
       b = coupled(other, other.panels[p], contact.b.first);
+      other.panels[p].pulls_any |= a.any;
     } else {
       LinkColumns& link = island.bodies.of_links[contact.link];
       b = {{link.twist, link.twist + 3}, {link.load, link.load + 3}, link.moves};
+      link.loaded |= a.any;
     }
+    panel.pulls_any |= b.any;
+    if (!a.any && !b.any) continue;
     for (int i : {0, 1})
       for (int j : {0, 1}) {
         if (b.any) add(a.pulls[i], k.at(i, 2 + j), b.moves[j]);
@@ -490,13 +488,17 @@ BT_VECTOR void couple_contacts(Island& island, size_t p) {
   }
   for (int l : island.bodies.carried) {
     LinkColumns& link = island.bodies.of_links[l];
+    if (!link.moves) continue;
     const ContactMatrix& k = island.bodies.link_blocks[l];
+    link.loaded = true;
     add(link.load, k.at(2, 2), link.twist);
     add(link.load, k.at(2, 3), link.twist + 3);
     add_transposed(link.load + 3, k.at(2, 3), link.twist);
     add(link.load + 3, k.at(3, 3), link.twist + 3);
   }
   each_column(island, &Anchor::carries, [&](Tendon&, Border& border, const Anchor& h, Vec3 arm) BT_WITHIN {
+    if (!border.panels[p].pulls_any) return;
+    island.bodies.of_links[h.link].loaded = true;
     add_force(island.bodies.of_links[h.link].load, border.panels[p].pulls.at(h.particle), arm);
   });
 }
@@ -508,6 +510,7 @@ BT_VECTOR void couple_lines(Island& island, size_t p) {
     Eight end[3], force[3] = {};
     place_at(link.twist, arm, end);
     add(force, block_of(h.line.block()), end);
+    border.panels[p].pulls_any = link.loaded = true;
     for (int c = 0; c < 3; ++c) border.panels[p].pulls.at(h.particle)[c] -= force[c];
     add_force(link.load, force, arm);
   });
@@ -519,7 +522,7 @@ BT_VECTOR void fill_corner(Island& island, int column) {
   for (int l : island.bodies.carried) {
     const Link& link = island.bodies.link(l);
     const GeneralizedBody& m = island.bodies.body(link.body);
-    if (!any(island.bodies.of_links[l].load, 6)) continue;
+    if (!island.bodies.of_links[l].loaded) continue;
     for (int i = 0; i < m.n(); ++i) {
       Eight sum{};
       for (int r = 0; r < 6; ++r)
@@ -567,15 +570,6 @@ void project_anchors(Island& island, size_t p) {
   }
 }
 
-// Most bodies of a large island do not act on most of its tendons.
-BT_VECTOR void find_pulling(Island& island, size_t p) {
-  for (Border& border : island.bodies.borders) {
-    Panel& panel = border.panels[p];
-    for (int i : border.pulled) panel.pulls_any |= any(panel.pulls.at(i), 3);
-    if (panel.pulls_any || panel.moves_any) panel.pulled = border.pulled;
-  }
-}
-
 }  // namespace
 
 void make_border(Island& island, bool definite) {
@@ -598,7 +592,8 @@ void make_border(Island& island, bool definite) {
     couple_lines(island, p);
     fill_corner(island, column);
     project_anchors(island, p);
-    find_pulling(island, p);
+    for (Border& border : island.bodies.borders)
+      if (border.panels[p].pulls_any) border.panels[p].pulled = border.pulled;
   }
 }
 

@@ -36,7 +36,7 @@ struct Border {
 // Derivatives of the twist of a link by eight unknowns, and of the load on it.
 struct LinkColumns {
   Eight twist[6], load[6];
-  bool moves = false;  // twist is not zero
+  bool moves = false, loaded = false;  // twist, or load, is not zero
 };
 
 // The second derivatives of the potential of a contact, by the displacements of what it acts on: of both
