@@ -181,7 +181,7 @@ struct type_caster<std::vector<bt::Vec3>> : ListOfRows<bt::Vec3> {};
 template <>
 struct type_caster<std::vector<bt::Triangle>> : ListOfRows<bt::Triangle> {};
 template <>
-struct type_caster<std::vector<bt::Block3>> : ListOfRows<bt::Block3> {};
+struct type_caster<std::vector<bt::Mat3>> : ListOfRows<bt::Mat3> {};
 template <size_t N>
 struct type_caster<std::vector<std::array<double, N>>> : ListOfRows<std::array<double, N>> {};
 template <size_t N>

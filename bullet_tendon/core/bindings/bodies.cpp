@@ -101,11 +101,11 @@ void stand_alone(GeneralizedBody& m, const Link& l, PyObject* info, PyObject* tu
     const Vec3 now = 1.5 * w - 0.5 * before, shift = cross(w, moments * w) - cross(now, moments * now);
     m.motion_shift = {0, 0, 0, shift.x, shift.y, shift.z};
   }
-  const Block3 block = block_of(turning);
+  const Mat3 of_spin = full(turning);
   m.free.assign(36, 0.0);
   for (int i = 0; i < 3; ++i) {
     m.free[7 * i] = 1 / number(info, 0);
-    for (int j = 0; j < 3; ++j) m.free[6 * (3 + i) + 3 + j] = block.v[3 * i + j];
+    for (int j = 0; j < 3; ++j) m.free[6 * (3 + i) + 3 + j] = dot(of_spin.row(i), unit_axis(j));
   }
 }
 

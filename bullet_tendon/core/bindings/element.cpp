@@ -30,8 +30,10 @@ void ElementTerms::add(const Element& element) {
     for (int k = 0; k < 6; ++k) wrenches.mutable_at(at, k) += six[k];
     FiniteRotation turned;
     turned.pulls = touched.pulls;
-    const Block3 arms = block_of(turned.stiffness());  // the gradient is minus the force
-    for (int e = 0; e < 9; ++e) stiffness.mutable_at(6 * at + 3 + e / 3, 6 * at + 3 + e % 3) -= arms.v[e];
+    const Mat3 arms = full(turned.stiffness());  // the gradient is minus the force
+    for (int r = 0; r < 3; ++r)
+      for (int c = 0; c < 3; ++c)
+        stiffness.mutable_at(6 * at + 3 + r, 6 * at + 3 + c) -= dot(arms.row(r), unit_axis(c));
   }
 }
 

@@ -23,8 +23,8 @@ namespace {
 // (3, 3)
 Array full_of(const Sym3& s) {
   Array out({3, 3});
-  const Block3 block = block_of(s);
-  std::copy(block.v, block.v + 9, out.mutable_data());
+  const Mat3 block = full(s);
+  std::memcpy(out.mutable_data(), &block, sizeof block);
   return out;
 }
 
@@ -163,8 +163,9 @@ Array full_block(const Contact& contact) {
   Array full({3 * particles, 3 * particles});
   for (int i = 0; i < 3 * particles; ++i)
     for (int j = 0; j < 3 * particles; ++j) {
-      const int first = std::min(i / 3, j / 3), last = std::max(i / 3, j / 3);
-      full.mutable_at(i, j) = k.at(first, last).v[i / 3 <= j / 3 ? 3 * (i % 3) + j % 3 : 3 * (j % 3) + i % 3];
+      const bool above = i / 3 <= j / 3;
+      const Mat3 block = above ? k.at(i / 3, j / 3) : transposed(k.at(j / 3, i / 3));
+      full.mutable_at(i, j) = dot(block.row(i % 3), unit_axis(j % 3));
     }
   return full;
 }
@@ -255,7 +256,7 @@ py::tuple finite_rotation_term(Vec3 axis, Vec3 begun, Vec3 by, const Field& arms
   FiniteRotation turned;
   turned.begin(axis, begun, {});
   turned.turn_by(by);
-  turned.pulls = {{}, {}, {}};
+  turned.pulls = {};
   Vec3 torque;
   for (int i = 0; i < arms.size(); ++i) {
     const Vec3 arm = turned.rotation * arms.at(i), f = forces.at(i), about_centre = cross(arm, f);
@@ -376,7 +377,7 @@ struct Probe {
 // The sparse and the banded solver by themselves, for tests.
 
 using Edges = std::vector<std::array<int, 2>>;
-using Blocks = std::vector<Block3>;
+using Blocks = std::vector<Mat3>;
 
 // Analyses the pattern and adds the blocks: of the diagonal, and beside it at the edges.
 void fill_factor(SparseFactor& factor, const Edges& pairs, const Blocks& diagonal, const Blocks& beside) {
@@ -438,10 +439,8 @@ Band band_of(const Blocks& diagonal, const std::vector<Blocks>& below) {
   Band a;
   a.resize(static_cast<int>(diagonal.size()), static_cast<int>(below.size()));
   for (int i = 0; i < a.n; ++i) {
-    const double* d = diagonal[i].v;
-    a.add(i, {d[0], d[1], d[2], d[4], d[5], d[8]});
-    for (int o = 0; o < a.half; ++o)
-      for (int e = 0; e < 9; ++e) a.below[o][e][i] = below[o][i].v[e];
+    a.add(i, upper(diagonal[i]));
+    for (int o = 0; o < a.half; ++o) set(a.below[o], i, below[o][i]);
   }
   return a;
 }

@@ -61,15 +61,12 @@ Sym3 both(Vec3 a, Vec3 b) {
 }
 
 // M^T S M
-Sym3 within(const Rot3& m, const Sym3& s) {
+Sym3 within(const Mat3& m, const Sym3& s) {
   auto column = [&](int k) { return transposed_times(m, s * (m * unit_axis(k))); };
-  const Vec3 x = column(0), y = column(1), z = column(2);
-  return {x.x, x.y, x.z, y.y, y.z, z.z};
+  return upper({column(0), column(1), column(2)});
 }
 
 Vec3 slowed(Vec3 theta) { return slowing_of(norm(theta)).share * theta; }
-
-Rot3 full(const Sym3& s) { return {{s.xx, s.xy, s.xz}, {s.xy, s.yy, s.yz}, {s.xz, s.yz, s.zz}}; }
 
 // A part of theta that is slowed by itself: that across the axis, or that about it.
 struct Part {
@@ -92,7 +89,7 @@ struct Parts {
   Part across, about;
   Parts(Vec3 axis, Vec3 theta) : across(bt::across(axis), theta), about(outer(axis), theta) {}
   Vec3 slowed() const { return across.slowed() + about.slowed(); }
-  Rot3 rate() const { return full(across.rate() + about.rate()); }
+  Mat3 rate() const { return full(across.rate() + about.rate()); }
   Sym3 change_of_rate(Vec3 torque) const {
     return across.change_of_rate(torque) + about.change_of_rate(torque);
   }
@@ -127,14 +124,14 @@ Vec3 theta_of(Vec3 axis, const Rot3& rotation) {
 }
 
 // By rows: T.
-Rot3 rate_of(Vec3 psi) {
+Mat3 rate_of(Vec3 psi) {
   const Series s = series_of(norm(psi));
   auto row = [&](Vec3 e) { return e + s.a * cross(e, psi) + s.b * cross(psi, cross(psi, e)); };
   return {row({1, 0, 0}), row({0, 1, 0}), row({0, 0, 1})};
 }
 
 // By rows: T (1 - a a^T) + exp(s) a a^T.
-Rot3 rate_of(Vec3 axis, Vec3 psi) {
+Mat3 rate_of(Vec3 axis, Vec3 psi) {
   if (norm(axis) == 0) return rate_of(psi);
   const Vec3 swing = psi - dot(axis, psi) * axis;
   return rate_of(swing) * full(across(axis)) + outer_product(rotation_by(swing) * axis, axis);
@@ -151,7 +148,7 @@ Sym3 change_of_rate(Vec3 psi, Vec3 torque) {
 Sym3 change_of_rate(Vec3 axis, Vec3 psi, Vec3 torque) {
   if (norm(axis) == 0) return change_of_rate(psi, torque);
   const Vec3 swing = psi - dot(axis, psi) * axis;
-  const Rot3 across = full(bt::across(axis));
+  const Mat3 across = full(bt::across(axis));
   const Vec3 tilting = transposed_times(rate_of(swing), cross(rotation_by(swing) * axis, torque));
   return within(across, change_of_rate(swing, torque)) + both(axis, across * tilting);
 }
@@ -194,11 +191,8 @@ void FiniteRotation::add_pull(Vec3 arm, Vec3 f, Vec3 torque) {
 }
 
 Sym3 FiniteRotation::stiffness() const {
-  const Rot3& p = pulls;
-  const double out = p.r0.x + p.r1.y + p.r2.z;
-  const Vec3 torque{p.r1.z - p.r2.y, p.r2.x - p.r0.z, p.r0.y - p.r1.x};
-  const Sym3 of_arms = {p.r0.x - out, 0.5 * (p.r0.y + p.r1.x), 0.5 * (p.r0.z + p.r2.x),
-                        p.r1.y - out, 0.5 * (p.r1.z + p.r2.y), p.r2.z - out};
+  const Vec3 torque = cross_of(pulls);
+  const Sym3 of_arms = upper(0.5 * (pulls + transposed(pulls))) + identity(-trace(pulls));
   const Parts parts(axis, theta);
   const Vec3 psi = parts.slowed();
   return within(rate, of_arms) + within(parts.rate(), change_of_rate(axis, psi, torque)) +

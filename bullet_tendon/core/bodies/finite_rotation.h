@@ -36,9 +36,10 @@ struct FiniteRotation {
   // substep, and within the substep.
   Vec3 begun, more;
   Vec3 predicted, theta;  // theta at the end of the substep, without the tendons and with them
-  Rot3 rotation, rate;    // since the substep began; Q
+  Rot3 rotation;          // since the substep began
+  Mat3 rate = Rot3{};     // Q
   // Sum of outer products r' f over the points that are touched. The antisymmetric part is the torque.
-  Rot3 pulls;
+  Mat3 pulls;
 
   // Sets the axis, and what it turns by without the tendons.
   void begin(Vec3 about, Vec3 before, Vec3 within_substep);

@@ -154,7 +154,7 @@ void Cartilage::find_behind(const Frame& b) {
 // difference D of the rotations.
 bool Cartilage::is_listed(const Frame& b) const {
   if (!near_.is_made) return false;
-  const Rot3 change = b.rotation - near_.of.rotation;
+  const Mat3 change = b.rotation - near_.of.rotation;
   const Vec3 shift = change * tree_.box().middle() + (b.origin - near_.of.origin);
   const double turn =
       std::sqrt(dot(change.r0, change.r0) + dot(change.r1, change.r1) + dot(change.r2, change.r2));
@@ -249,11 +249,10 @@ void Cartilage::find_pressures() {
 }
 
 void Cartilage::give_wrenches() {
-  const Rot3& xf = sums_.products;
-  const Vec3 about_origin{xf.r1.z - xf.r2.y, xf.r2.x - xf.r0.z, xf.r0.y - xf.r1.x};  // sum of x x f
-  const Vec3 force = frame_a_.rotation * sums_.force, moment = frame_a_.rotation * about_origin;
+  const Rot3& turn = frame_a_.rotation;
+  const Vec3 force = turn * sums_.force, moment = turn * cross_of(sums_.products);
   // Sum of r f^T with r from A's origin, in the world's axes: R (sum x f^T) R^T.
-  const Rot3 products = frame_a_.rotation * xf * transposed(frame_a_.rotation);
+  const Mat3 products = turn * sums_.products * transposed(turn);
   for (int side : {0, 1}) {
     const double sign = side == 0 ? -1 : 1;
     const Vec3 arm = centres_[side] - frame_a_.origin;
@@ -300,16 +299,13 @@ void Cartilage::add_curvature(std::vector<LinkPair>& pairs) const {
   // w . sum (dx x f) with dx = v + w' x x: rows by w, columns by v, w'.
   std::array<double, 36> turned{};
   const Vec3 f = sums_.force;
-  const Rot3& xf = sums_.products;
-  const double by_v[9] = {0, f.z, -f.y, -f.z, 0, f.x, f.y, -f.x, 0};
-  const double out = xf.r0.x + xf.r1.y + xf.r2.z;
-  const double by_w[9] = {xf.r0.x - out, xf.r0.y, xf.r0.z, xf.r1.x,      xf.r1.y - out,
-                          xf.r1.z,       xf.r2.x, xf.r2.y, xf.r2.z - out};
-  for (int r = 0; r < 3; ++r)
-    for (int c = 0; c < 3; ++c) {
-      turned[6 * (3 + r) + c] = by_v[3 * r + c];
-      turned[6 * (3 + r) + 3 + c] = by_w[3 * r + c];
-    }
+  const Mat3& xf = sums_.products;
+  const Mat3 by_v = times_cross(full(identity(-1)), f), by_w = xf - full(identity(trace(xf)));
+  for (int r = 0; r < 3; ++r) {
+    const Vec3 v = by_v.row(r), w = by_w.row(r);
+    const double row[6] = {v.x, v.y, v.z, w.x, w.y, w.z};
+    std::copy(row, row + 6, &turned[6 * (3 + r)]);
+  }
   auto flipped = [](const std::array<double, 36>& a) {
     std::array<double, 36> b;
     for (int r = 0; r < 6; ++r)

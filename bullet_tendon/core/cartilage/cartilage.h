@@ -110,7 +110,7 @@ class Cartilage : public Element, public CartilageState {
   // Sums over pressed points, in the frame of A, about its origin.
   struct Sums {
     Vec3 force;     // on B [N]
-    Rot3 products;  // sum of x f^T
+    Mat3 products;  // sum of x f^T
     std::array<double, 36> matrix{};
   };
   friend void add_up(const std::vector<Pressed>& pressed, const std::vector<double>& areas, Sums& sums);

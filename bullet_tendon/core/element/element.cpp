@@ -7,7 +7,7 @@ namespace bt {
 void TouchedLink::add(Vec3 arm, Vec3 f) {
   force += f;
   torque += cross(arm, f);
-  pulls = pulls + outer_product(arm, f);
+  pulls += outer_product(arm, f);
 }
 
 // Each link once, in the order of the slots, so that the first of a pair has the lower slot.

@@ -27,10 +27,10 @@ struct TouchedLink {
   int link = -1;       // slot
   Vec3 lever;          // one of the longest arms, at the start of the substep [m]
   Vec3 force, torque;  // about its centre of mass, with the arms at the end of the substep [N], [N m]
-  Rot3 pulls;          // sum of outer products r f
+  Mat3 pulls;          // sum of outer products r f
   void clear() {
     force = torque = {};
-    pulls = {{}, {}, {}};
+    pulls = {};
   }
   // Adds a force at the arm [N].
   void add(Vec3 arm, Vec3 f);

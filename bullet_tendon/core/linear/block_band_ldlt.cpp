@@ -4,29 +4,25 @@
 
 namespace bt {
 
-namespace {
+Sym3 symmetric_at(const Planes& p, int i) { return {p[0][i], p[1][i], p[2][i], p[3][i], p[4][i], p[5][i]}; }
 
-// M <- (I - N) M and M <- M (I - N) for a row-major 3x3.
-void project_left(double* m, const Sym3& N) {
-  for (int c = 0; c < 3; ++c) {
-    Vec3 v{m[c], m[3 + c], m[6 + c]};
-    v -= N * v;
-    m[c] = v.x;
-    m[3 + c] = v.y;
-    m[6 + c] = v.z;
-  }
+void set(Planes& planes, int i, const Sym3& b) {
+  const double v[6] = {b.xx, b.xy, b.xz, b.yy, b.yz, b.zz};
+  for (int c = 0; c < 6; ++c) planes[c][i] = v[c];
 }
-void project_right(double* m, const Sym3& N) {
+
+Mat3 block_at(const Planes& p, int i) {
+  return {{p[0][i], p[1][i], p[2][i]}, {p[3][i], p[4][i], p[5][i]}, {p[6][i], p[7][i], p[8][i]}};
+}
+
+void set(Planes& planes, int i, const Mat3& b) {
   for (int r = 0; r < 3; ++r) {
-    Vec3 v{m[3 * r], m[3 * r + 1], m[3 * r + 2]};
-    v -= N * v;
-    m[3 * r] = v.x;
-    m[3 * r + 1] = v.y;
-    m[3 * r + 2] = v.z;
+    const Vec3 row = b.row(r);
+    planes[3 * r][i] = row.x;
+    planes[3 * r + 1][i] = row.y;
+    planes[3 * r + 2][i] = row.z;
   }
 }
-
-}  // namespace
 
 void Band::resize(int blocks, int half_bandwidth) {
   n = blocks;
@@ -40,17 +36,11 @@ void Band::zero() {
   for (int o = 0; o < half; ++o) below[o].zero();
 }
 
-Sym3 Band::block(int i) const {
-  return {diagonal[0][i], diagonal[1][i], diagonal[2][i], diagonal[3][i], diagonal[4][i], diagonal[5][i]};
-}
+void Band::add(int i, const Sym3& b) { set(diagonal, i, symmetric_at(diagonal, i) + b); }
 
-void Band::add(int i, const Sym3& b) {
-  const double v[6] = {b.xx, b.xy, b.xz, b.yy, b.yz, b.zz};
-  for (int c = 0; c < 6; ++c) diagonal[c][i] += v[c];
-}
-
-void Band::add_below(int i, int offset, double w) {
-  for (int c : {0, 4, 8}) below[offset - 1][c][i] += w;
+void Band::add_below(int i, const Mat3& b, int offset) {
+  Planes& blocks = below[offset - 1];
+  set(blocks, i, block_at(blocks, i) + b);
 }
 
 void Band::multiply(const Field& x, Field& y) const {
@@ -70,24 +60,14 @@ void Band::multiply(const Field& x, Field& y) const {
 }
 
 void Band::hold(int i, const Sym3& N) {
-  double m[9];
-  for (int c = 0; c < 9; ++c) m[c] = diagonal[kFull[c]][i];
-  project_left(m, N);
-  project_right(m, N);
-  const double kept[6] = {m[0] + N.xx, m[1] + N.xy, m[2] + N.xz, m[4] + N.yy, m[5] + N.yz, m[8] + N.zz};
-  for (int c = 0; c < 6; ++c) diagonal[c][i] = kept[c];
+  const Mat3 held = full(N);
+  auto without_rows = [&](const Mat3& m) { return m - held * m; };
+  auto without_columns = [&](const Mat3& m) { return m - m * held; };
+  set(diagonal, i, upper(without_columns(without_rows(full(symmetric_at(diagonal, i))))) + N);
   for (int o = 0; o < half; ++o) {
-    int after = i, before = i - o - 1;
-    if (after + o + 1 < n) {
-      for (int c = 0; c < 9; ++c) m[c] = below[o][c][after];
-      project_right(m, N);
-      for (int c = 0; c < 9; ++c) below[o][c][after] = m[c];
-    }
-    if (before >= 0) {
-      for (int c = 0; c < 9; ++c) m[c] = below[o][c][before];
-      project_left(m, N);
-      for (int c = 0; c < 9; ++c) below[o][c][before] = m[c];
-    }
+    const int before = i - o - 1;
+    if (i + o + 1 < n) set(below[o], i, without_columns(block_at(below[o], i)));
+    if (before >= 0) set(below[o], before, without_rows(block_at(below[o], before)));
   }
 }
 

@@ -13,12 +13,18 @@
 #include <vector>
 
 #include "linear/block_columns.h"
+#include "math/mat3.h"
 #include "math/soa_field.h"
-#include "math/sym3.h"
 
 namespace bt {
 
 typedef double Lanes __attribute__((vector_size(16)));  // lane 0: from the top, lane 1: from the bottom
+
+// Blocks that are stored by entry: symmetric ones in six planes, others in nine.
+Sym3 symmetric_at(const Planes& planes, int i);
+void set(Planes& planes, int i, const Sym3& b);
+Mat3 block_at(const Planes& planes, int i);
+void set(Planes& planes, int i, const Mat3& b);
 
 struct Band {
   int n = 0, half = 1;
@@ -27,10 +33,9 @@ struct Band {
 
   void resize(int blocks, int half_bandwidth);
   void zero();
-  Sym3 block(int i) const;
   void add(int i, const Sym3& b);
-  // A(i+offset, i) += w I, offset 1 or 2.
-  void add_below(int i, int offset, double w);
+  // A(i+offset, i) += b, offset 1 or 2.
+  void add_below(int i, const Mat3& b, int offset = 1);
   // y = A x.
   void multiply(const Field& x, Field& y) const;
   // Projects the rows and columns of block i by P = I - N, and adds N to the diagonal block, so that the

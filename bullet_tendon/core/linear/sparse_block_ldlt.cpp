@@ -81,16 +81,6 @@ inline Vec3 product(const PaddedBlock& b, Vec3 x) {
 
 }  // namespace
 
-Block3 product(const Block3& a, const Block3& b) {
-  Block3 c{};
-  for (int i = 0; i < 3; ++i)
-    for (int j = 0; j < 3; ++j)
-      c.v[3 * i + j] = a.v[3 * i] * b.v[j] + a.v[3 * i + 1] * b.v[3 + j] + a.v[3 * i + 2] * b.v[6 + j];
-  return c;
-}
-
-Block3 block_of(const Sym3& s) { return {{s.xx, s.xy, s.xz, s.xy, s.yy, s.yz, s.xz, s.yz, s.zz}}; }
-
 void SparseFactor::analyse(int n, const Edges& edges) {
   if (n == n_ && edges == edges_) return;
   n_ = n;
@@ -192,12 +182,13 @@ void SparseFactor::start() {
   std::fill(below_.begin(), below_.end(), PaddedBlock{});
 }
 
-void SparseFactor::add(int i, int j, const Block3& b) {
+void SparseFactor::add(int i, int j, const Mat3& b) {
   const int row = where_[i], column = where_[j];
   const bool lower = row >= column;
   PaddedBlock& to = row == column ? diagonal_[row] : below_[lower ? slot(row, column) : slot(column, row)];
-  for (int r = 0; r < 3; ++r)
-    for (int c = 0; c < 3; ++c) to.row[r][c] += lower ? b.v[3 * r + c] : b.v[3 * c + r];
+  const Mat3 part = lower ? b : transposed(b);
+  const Vec3 rows[3] = {part.r0, part.r1, part.r2};
+  for (int r = 0; r < 3; ++r) to.row[r] += Lanes4{rows[r].x, rows[r].y, rows[r].z, 0};
 }
 
 BT_VECTOR bool SparseFactor::factorise(bool through) {

@@ -14,17 +14,11 @@
 #include <vector>
 
 #include "linear/block_columns.h"
-#include "math/sym3.h"
+#include "math/mat3.h"
 
 namespace bt {
 
-struct Block3 {
-  double v[9];  // row-major
-};
-Block3 block_of(const Sym3& s);
-Block3 product(const Block3& a, const Block3& b);
-
-// The same in rows of four numbers, the last of which is 0: whole vector registers.
+// A block in rows of four numbers, the last of which is 0: whole vector registers.
 typedef double Lanes4 __attribute__((vector_size(32), aligned(8)));  // at any address
 struct PaddedBlock {
   Lanes4 row[3];
@@ -39,7 +33,7 @@ class SparseFactor {
   void analyse(int n, const Edges& edges);
   void start();  // all blocks zero
   // A(i, j) += B, and A(j, i) += B^T.
-  void add(int i, int j, const Block3& b);
+  void add(int i, int j, const Mat3& b);
   // false: a pivot is not positive, so the matrix is not positive definite. Its factors, which solve with it
   // all the same, are complete only if `through`.
   bool factorise(bool through = false);

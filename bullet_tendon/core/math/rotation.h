@@ -2,7 +2,7 @@
 #pragma once
 #include <cmath>
 
-#include "math/vec3.h"
+#include "math/mat3.h"
 
 namespace bt {
 
@@ -11,9 +11,11 @@ constexpr double kGoldenAngle = 2.399963229728653;
 
 inline bool same(Vec3 a, Vec3 b) { return a.x == b.x && a.y == b.y && a.z == b.z; }
 
-// A rotation matrix, by rows.
-struct Rot3 {
-  Vec3 r0{1, 0, 0}, r1{0, 1, 0}, r2{0, 0, 1};
+// A rotation matrix.
+struct Rot3 : Mat3 {
+  Rot3() : Rot3(Vec3{1, 0, 0}, {0, 1, 0}, {0, 0, 1}) {}
+  Rot3(Vec3 row0, Vec3 row1, Vec3 row2) : Mat3{row0, row1, row2} {}
+  Rot3(const Mat3& a) : Mat3(a) {}
 };
 
 // A rigid placement: world = rotation * local + origin.
@@ -27,25 +29,10 @@ inline bool same(const Pose& a, const Pose& b) {
          same(a.rotation.r1, b.rotation.r1) && same(a.rotation.r2, b.rotation.r2);
 }
 
-inline Vec3 operator*(const Rot3& a, Vec3 v) { return {dot(a.r0, v), dot(a.r1, v), dot(a.r2, v)}; }
-inline Vec3 transposed_times(const Rot3& a, Vec3 v) { return v.x * a.r0 + v.y * a.r1 + v.z * a.r2; }
-
-inline Rot3 transposed(const Rot3& r) {
-  return {{r.r0.x, r.r1.x, r.r2.x}, {r.r0.y, r.r1.y, r.r2.y}, {r.r0.z, r.r1.z, r.r2.z}};
-}
-inline Rot3 operator*(const Rot3& a, const Rot3& b) {
-  auto row = [&](Vec3 r) { return r.x * b.r0 + r.y * b.r1 + r.z * b.r2; };
-  return {row(a.r0), row(a.r1), row(a.r2)};
-}
-// Of matrices that need not be rotations.
-inline Rot3 outer_product(Vec3 a, Vec3 b) { return {a.x * b, a.y * b, a.z * b}; }
-inline Rot3 operator+(const Rot3& a, const Rot3& b) { return {a.r0 + b.r0, a.r1 + b.r1, a.r2 + b.r2}; }
-inline Rot3 operator-(const Rot3& a, const Rot3& b) { return {a.r0 - b.r0, a.r1 - b.r1, a.r2 - b.r2}; }
-inline Rot3 operator*(double s, const Rot3& a) { return {s * a.r0, s * a.r1, s * a.r2}; }
 // The rotation vector of a rotation by less than half a turn [rad].
 inline Vec3 rotation_vector(const Rot3& r) {
-  const Vec3 twice{r.r2.y - r.r1.z, r.r0.z - r.r2.x, r.r1.x - r.r0.y};
-  const double sine = 0.5 * norm(twice), cosine = 0.5 * (r.r0.x + r.r1.y + r.r2.z - 1);
+  const Vec3 twice = -cross_of(r);
+  const double sine = 0.5 * norm(twice), cosine = 0.5 * (trace(r) - 1);
   return sine > 0 ? (0.5 * std::atan2(sine, cosine) / sine) * twice : Vec3{};
 }
 // Rotation matrix of a quaternion x, y, z, w, which need not be normalised.

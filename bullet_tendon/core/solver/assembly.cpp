@@ -261,55 +261,24 @@ void follow(Island& island, Contact& contact) {
   }
 }
 
-namespace {
-
-BT_WITHIN inline Block3 sum_of(const Block3& a, const Block3& b) {
-  Block3 out;
-  for (int e = 0; e < 9; ++e) out.v[e] = a.v[e] + b.v[e];
-  return out;
-}
-
-BT_WITHIN inline Block3 scaled(double share, const Block3& b) {
-  Block3 out;
-  for (int e = 0; e < 9; ++e) out.v[e] = share * b.v[e];
-  return out;
-}
-
-BT_WITHIN inline Block3 transposed(const Block3& b) {
-  return {{b.v[0], b.v[3], b.v[6], b.v[1], b.v[4], b.v[7], b.v[2], b.v[5], b.v[8]}};
-}
-
-BT_WITHIN inline Block3 rows_of(Vec3 a, Vec3 b, Vec3 c) {
-  return {{a.x, a.y, a.z, b.x, b.y, b.z, c.x, c.y, c.z}};
-}
-
-// The product with the matrix that takes u to arm x u.
-BT_WITHIN inline Block3 crossed(const Block3& b, Vec3 arm) {
-  const double* v = b.v;
-  return rows_of(cross({v[0], v[1], v[2]}, arm), cross({v[3], v[4], v[5]}, arm),
-                 cross({v[6], v[7], v[8]}, arm));
-}
-
-}  // namespace
-
 BT_VECTOR void find_matrix(const Contact& contact, const Link* link, const Vec3* turned, bool all_turn,
                            ContactMatrix& k) {
   const ContactForce& force = contact.force;
   const int particles = contact.b.tendon >= 0 ? 4 : 2;
   const double weights[4] = {contact.a.w0, contact.a.w1, -contact.b.w0, -contact.b.w1};
-  const Block3 block = block_of(force.block);
+  const Mat3 block = full(force.block);
   for (int i = 0; i < particles; ++i)
-    for (int j = i; j < particles; ++j) k.at(i, j) = scaled(weights[i] * weights[j], block);
+    for (int j = i; j < particles; ++j) k.at(i, j) = (weights[i] * weights[j]) * block;
   Vec3 rim;
   if (link) {
     // A surface that does not turn with the body moves as its centre does, and so do the normal and the point
     // that slides along it.
     const Vec3 arm = link->now(contact.arm);
     rim = contact.is_curved() && !contact.turns() && !turned ? link->now(contact.rim_arm) : arm;
-    const Block3 fixed = crossed(block_of(force.block + -1.0 * force.turning), arm);
-    const Block3 turning = crossed(block_of(force.turning), rim);
-    Block3 all = sum_of(fixed, turning);
-    k.at(3, 3) = sum_of(crossed(transposed(fixed), arm), crossed(transposed(turning), rim));
+    const Mat3 fixed = times_cross(full(force.block + -1.0 * force.turning), arm);
+    const Mat3 turning = times_cross(full(force.turning), rim);
+    Mat3 all = fixed + turning;
+    k.at(3, 3) = times_cross(transposed(fixed), arm) + times_cross(transposed(turning), rim);
     if (turned) {
       // The potential of a surface that turns has the further term w.(d x f), for the rotation w of the link
       // and the displacement d of a relative to it, with f on the tendon.
@@ -317,11 +286,11 @@ BT_VECTOR void find_matrix(const Contact& contact, const Link* link, const Vec3*
       // the arm to the contact point is taken from there.
       const bool slides = contact.is_curved() && !all_turn;
       const Vec3 lever = slides ? 0.5 * (arm + link->now(contact.rim_arm)) : arm;
-      const Block3 by_turn = crossed(block_of(identity(1)), force.linear), both = crossed(by_turn, lever);
-      all = sum_of(all, by_turn);
-      k.at(3, 3) = sum_of(k.at(3, 3), scaled(-1, sum_of(both, transposed(both))));
+      const Mat3 by_turn = times_cross(full(identity(1)), force.linear), both = times_cross(by_turn, lever);
+      all += by_turn;
+      k.at(3, 3) = k.at(3, 3) - (both + transposed(both));
     }
-    for (int i : {0, 1}) k.at(i, 3) = scaled(weights[i], all);
+    for (int i : {0, 1}) k.at(i, 3) = weights[i] * all;
   }
   for (int t = 0; t < contact.geometry.sliding_terms; ++t) {
     Vec3 l[4];
@@ -331,16 +300,15 @@ BT_VECTOR void find_matrix(const Contact& contact, const Link* link, const Vec3*
     for (int i = 0; i < 4; ++i) {
       const Vec3 p = contact.geometry.sliding_share[t] * l[i];
       for (int j = i; j < 4; ++j)
-        if (std::max(i, j) < particles || (link && i != 2 && j != 2))
-          k.at(i, j) = sum_of(k.at(i, j), rows_of(p.x * l[j], p.y * l[j], p.z * l[j]));
+        if (std::max(i, j) < particles || (link && i != 2 && j != 2)) k.at(i, j) += outer_product(p, l[j]);
     }
   }
   if (!link) return;
   // Where all of them move alike, nothing changes.
-  k.at(0, 2) = scaled(-1, sum_of(k.at(0, 0), k.at(0, 1)));
-  k.at(1, 2) = scaled(-1, sum_of(transposed(k.at(0, 1)), k.at(1, 1)));
-  k.at(2, 2) = scaled(-1, sum_of(k.at(0, 2), k.at(1, 2)));
-  k.at(2, 3) = scaled(-1, sum_of(k.at(0, 3), k.at(1, 3)));
+  k.at(0, 2) = -1 * (k.at(0, 0) + k.at(0, 1));
+  k.at(1, 2) = -1 * (transposed(k.at(0, 1)) + k.at(1, 1));
+  k.at(2, 2) = -1 * (k.at(0, 2) + k.at(1, 2));
+  k.at(2, 3) = -1 * (k.at(0, 3) + k.at(1, 3));
 }
 
 namespace {
@@ -359,12 +327,8 @@ void find_sliding_terms(const Island& island, Contact& contact, bool definite) {
 
 // Adds the part of a contact's matrix that is within the band of the tendon of a segment point.
 void add_within_band(Band& band, int first, const ContactMatrix& k, int point) {
-  for (int i : {0, 1}) {
-    const double* v = k.at(point + i, point + i).v;
-    band.add(first + i, {v[0], v[1], v[2], v[4], v[5], v[8]});
-  }
-  const Block3 below = transposed(k.at(point, point + 1));
-  for (int e = 0; e < 9; ++e) band.below[0][e][first] += below.v[e];
+  for (int i : {0, 1}) band.add(first + i, upper(k.at(point + i, point + i)));
+  band.add_below(first, transposed(k.at(point, point + 1)));
 }
 
 }  // namespace
@@ -390,7 +354,7 @@ void linearise_contacts(Island& island, bool slide, bool definite) {
     if (!link) continue;
     ContactMatrix& sum = island.bodies.link_blocks[contact.link];
     for (int i : {2, 3})
-      for (int j = i; j < 4; ++j) sum.at(i, j) = sum_of(sum.at(i, j), k.at(i, j));
+      for (int j = i; j < 4; ++j) sum.at(i, j) += k.at(i, j);
   }
 }
 

@@ -178,7 +178,7 @@ void clear_loads(Island& island) {
 }
 
 void clear_pulls(Island& island) {
-  for (int l : island.bodies.carried) island.bodies.link(l).iterate.turned.pulls = {{}, {}, {}};
+  for (int l : island.bodies.carried) island.bodies.link(l).iterate.turned.pulls = {};
 }
 
 // The point of a contact slides on a curved surface. Where the surface itself does not turn, the tendon holds
@@ -313,12 +313,12 @@ BT_WITHIN inline void add_force(Eight* load, const Eight* f, Vec3 r) {
   load[5] += r.x * f[1] - r.y * f[0];
 }
 
-// to += b v, and to += b^T v
-BT_WITHIN inline void add(Eight* to, const Block3& b, const Eight* v) {
-  for (int r = 0; r < 3; ++r) to[r] += b.v[3 * r] * v[0] + b.v[3 * r + 1] * v[1] + b.v[3 * r + 2] * v[2];
-}
-BT_WITHIN inline void add_transposed(Eight* to, const Block3& b, const Eight* v) {
-  for (int c = 0; c < 3; ++c) to[c] += b.v[c] * v[0] + b.v[3 + c] * v[1] + b.v[6 + c] * v[2];
+// to += b v
+BT_WITHIN inline void add(Eight* to, const Mat3& b, const Eight* v) {
+  auto along = [v](Vec3 row) BT_WITHIN { return row.x * v[0] + row.y * v[1] + row.z * v[2]; };
+  to[0] += along(b.r0);
+  to[1] += along(b.r1);
+  to[2] += along(b.r2);
 }
 
 // Adds the forces of the band on particle i and its neighbours, due to the displacement of particle i.
@@ -483,7 +483,7 @@ BT_VECTOR void couple_contacts(Island& island, size_t p) {
     for (int i : {0, 1})
       for (int j : {0, 1}) {
         if (b.any) add(a.pulls[i], k.at(i, 2 + j), b.moves[j]);
-        if (a.any) add_transposed(b.pulls[j], k.at(i, 2 + j), a.moves[i]);
+        if (a.any) add(b.pulls[j], transposed(k.at(i, 2 + j)), a.moves[i]);
       }
   }
   for (int l : island.bodies.carried) {
@@ -493,7 +493,7 @@ BT_VECTOR void couple_contacts(Island& island, size_t p) {
     link.loaded = true;
     add(link.load, k.at(2, 2), link.twist);
     add(link.load, k.at(2, 3), link.twist + 3);
-    add_transposed(link.load + 3, k.at(2, 3), link.twist);
+    add(link.load + 3, transposed(k.at(2, 3)), link.twist);
     add(link.load + 3, k.at(3, 3), link.twist + 3);
   }
   each_column(island, &Anchor::carries, [&](Tendon&, Border& border, const Anchor& h, Vec3 arm) BT_WITHIN {
@@ -509,7 +509,7 @@ BT_VECTOR void couple_lines(Island& island, size_t p) {
     if (!link.moves) return;
     Eight end[3], force[3] = {};
     place_at(link.twist, arm, end);
-    add(force, block_of(h.line.block()), end);
+    add(force, full(h.line.block()), end);
     border.panels[p].pulls_any = link.loaded = true;
     for (int c = 0; c < 3; ++c) border.panels[p].pulls.at(h.particle)[c] -= force[c];
     add_force(link.load, force, arm);

@@ -43,10 +43,10 @@ struct LinkColumns {
 // particles of its segment a, and of those of b, or of its link: of the centre of mass and, about it, the
 // rotation. On a link that does not move only the first two are set.
 struct ContactMatrix {
-  Block3 blocks[10];
+  Mat3 blocks[10];
   // i <= j. The others are their transposes.
-  Block3& at(int i, int j) { return blocks[j * (j + 1) / 2 + i]; }
-  const Block3& at(int i, int j) const { return blocks[j * (j + 1) / 2 + i]; }
+  Mat3& at(int i, int j) { return blocks[j * (j + 1) / 2 + i]; }
+  const Mat3& at(int i, int j) const { return blocks[j * (j + 1) / 2 + i]; }
 };
 
 // Bodies whose coordinates are unknowns of the solution (solver/body_schur.cpp).

@@ -60,13 +60,10 @@ void find_pattern(Island& island) {
 
 // Adds the band of a tendon. first: block of its first particle.
 void add_band(SparseFactor& factor, const Tendon& c, int first) {
-  for (int i = 0; i < c.n(); ++i) factor.add(first + i, first + i, block_of(c.matrix.block(i)));
+  for (int i = 0; i < c.n(); ++i) factor.add(first + i, first + i, full(symmetric_at(c.matrix.diagonal, i)));
   for (int reach = 1; reach <= c.matrix.half; ++reach)
-    for (int i = 0; i + reach < c.n(); ++i) {
-      Block3 b;
-      for (int e = 0; e < 9; ++e) b.v[e] = c.matrix.below[reach - 1][e][i];
-      factor.add(first + i + reach, first + i, b);
-    }
+    for (int i = 0; i + reach < c.n(); ++i)
+      factor.add(first + i + reach, first + i, block_at(c.matrix.below[reach - 1], i));
 }
 
 // By block, the projector on the directions that anchors and direct contacts leave free.
@@ -90,9 +87,9 @@ void add_coupling(Island& island, const Contact& contact, const ContactMatrix& k
       const int a = block_at(island, contact.a.tendon, contact.a.first + i);
       const int b = block_at(island, contact.b.tendon, contact.b.first + j);
       const Sym3 &free_a = island.matrix.free[a], &free_b = island.matrix.free[b];
-      Block3 part = k.at(i, 2 + j);
-      if (trace(free_a) < 3) part = product(block_of(free_a), part);
-      if (trace(free_b) < 3) part = product(part, block_of(free_b));
+      Mat3 part = k.at(i, 2 + j);
+      if (trace(free_a) < 3) part = full(free_a) * part;
+      if (trace(free_b) < 3) part = part * full(free_b);
       island.matrix.factor.add(a, b, part);
     }
 }
@@ -149,11 +146,9 @@ void add_coupling(Island& island) {
     for (int i : {0, 1})
       for (int j : {0, 1}) {
         const int p = contact.a.first + i, q = contact.b.first + j;
-        const double* v = k.at(i, 2 + j).v;
-        const Vec3 rows[3] = {{v[0], v[1], v[2]}, {v[3], v[4], v[5]}, {v[6], v[7], v[8]}};
-        const Vec3 x = a.cg_direction.at(p), y = b.cg_direction.at(q);
-        a.cg_image.add(p, {dot(rows[0], y), dot(rows[1], y), dot(rows[2], y)});
-        b.cg_image.add(q, x.x * rows[0] + x.y * rows[1] + x.z * rows[2]);
+        const Mat3& block = k.at(i, 2 + j);
+        a.cg_image.add(p, block * b.cg_direction.at(q));
+        b.cg_image.add(q, transposed_times(block, a.cg_direction.at(p)));
       }
   }
 }
@@ -186,20 +181,13 @@ double inner_product(const Island& island, Which a, Which b) {
 }
 
 void prepare_blocks(Tendon& c) {
-  for (int i = 0; i < c.n(); ++i) {
-    Sym3 b = inverse(c.matrix.block(i));
-    const double v[6] = {b.xx, b.xy, b.xz, b.yy, b.yz, b.zz};
-    for (int k = 0; k < 6; ++k) c.inverse_blocks[k][i] = v[k];
-  }
+  for (int i = 0; i < c.n(); ++i) set(c.inverse_blocks, i, inverse(symmetric_at(c.matrix.diagonal, i)));
 }
 
 void precondition(Island& island) {
-  for (Tendon* c : island.tendons) {
-    const Planes& q = c->inverse_blocks;
+  for (Tendon* c : island.tendons)
     for (int i = 0; i < c->n(); ++i)
-      c->cg_preconditioned.set(
-          i, Sym3{q[0][i], q[1][i], q[2][i], q[3][i], q[4][i], q[5][i]} * c->cg_remainder.at(i));
-  }
+      c->cg_preconditioned.set(i, symmetric_at(c->inverse_blocks, i) * c->cg_remainder.at(i));
 }
 
 // x = A^-1 b by preconditioned conjugate gradients from x = 0, to the linear tolerance in the preconditioned

@@ -78,9 +78,9 @@ Vec3 spring_forces_after(const Tendon& c, int i) {
     for (int end : {0, 1}) {
       int k = end ? i - s->reach : i, other = end ? k : i + s->reach;
       if (k < 0 || k >= s->count) continue;
-      Sym3 b{s->block[0][k], s->block[1][k], s->block[2][k], s->block[3][k], s->block[4][k], s->block[5][k]};
       Vec3 f{s->vector[0][k], s->vector[1][k], s->vector[2][k]};
-      sum += (end ? -1.0 : 1.0) * f + b * (c.displacement.at(other) - c.displacement.at(i));
+      sum += (end ? -1.0 : 1.0) * f +
+             symmetric_at(s->block, k) * (c.displacement.at(other) - c.displacement.at(i));
     }
   return sum;
 }

@@ -208,8 +208,7 @@ void add_whole_damping(SpringSet& s, const Law& law, double b, double share, boo
     }
     double cross_slope = speed > 0 ? f / speed : df;
     Sym3 d = (c / (b * s.rest[k])) * (cross_slope * across(along) + df * outer(along));
-    const double add[6] = {d.xx, d.xy, d.xz, d.yy, d.yz, d.zz};
-    for (int c = 0; c < 6; ++c) s.block[c][k] += add[c];
+    set(s.block, k, symmetric_at(s.block, k) + d);
   }
 }
 

@@ -73,7 +73,8 @@ void add_bending_blocks(Tendon& c) {
     for (int a = 0; a < el.count; ++a) {
       const double k = el.stiffness * el.weight[a];
       c.matrix.add(el.first + a, identity(k * el.weight[a]));
-      for (int b = a + 1; b < el.count; ++b) c.matrix.add_below(el.first + a, b - a, k * el.weight[b]);
+      for (int b = a + 1; b < el.count; ++b)
+        c.matrix.add_below(el.first + a, full(identity(k * el.weight[b])), b - a);
     }
   });
 }
