@@ -197,8 +197,9 @@ py::tuple pair_term(const Field& ends, double offset, double stiffness, double l
   contact.b = {1, 0, 0.5, 0.5};
   const Vec3 x[4] = {ends.at(0), ends.at(1), ends.at(2), ends.at(3)};
   const Vec3 along = before.at(1) - before.at(0), other = before.at(3) - before.at(2);
-  double &u = contact.friction.anchored_at, &w = contact.friction.anchored_at_other;
-  nearest_parameters(before.at(0), before.at(1), before.at(2), before.at(3), u, w);
+  const auto [u, w] = nearest_parameters(before.at(0), before.at(1), before.at(2), before.at(3));
+  contact.friction.anchored_at = u;
+  contact.friction.anchored_at_other = w;
   contact.friction.relative_start = before.at(0) + u * along - (before.at(2) + w * other);
   contact.geometry.normal = unit_or(contact.friction.relative_start, {0, 0, 1});
   contact.begin_pair(along, other);

@@ -57,14 +57,10 @@ Sweep NarrowPhase::sweep(int k, int m) const {
   return s;
 }
 
-PairPoint NarrowPhase::point(int k, int m, double u, double w) const {
+PairPoint NarrowPhase::point(int k, int m, PairParameters at) const {
   const Field &x = a.tendon().x, &y = b.tendon().x;
-  PairPoint at;
-  at.u = u;
-  at.w = w;
-  at.apart = (1 - u) * x.at(k) + u * x.at(k + 1) - ((1 - w) * y.at(m) + w * y.at(m + 1));
-  at.distance = norm(at.apart);
-  return at;
+  const Vec3 apart = apart_at(x.at(k), x.at(k + 1), y.at(m), y.at(m + 1), at);
+  return {at, apart, norm(apart)};
 }
 
 // Sets the contact points of a pair whose nearest points are known. reach [m].
@@ -80,7 +76,7 @@ void NarrowPhase::find_points(SegmentPair& s, double reach) const {
   const bool next_a = k + 2 < p.n() && is_pair(k + 1, m), next_b = m + 2 < q.n() && is_pair(k, m + 1);
   for (int end = 0; end < count; ++end) {
     if (count == 1 && ((ends[end].u == 1 && next_a) || (ends[end].w == 1 && next_b))) continue;
-    PairPoint at = point(k, m, ends[end].u, ends[end].w);
+    PairPoint at = point(k, m, ends[end]);
     at.end = end;
     if (at.distance < reach) s.points[s.count++] = at;
   }
@@ -102,9 +98,7 @@ void NarrowPhase::test(int k, int m) {
   const double centroids = 0.5 * norm(p0 + p1 - q0 - q1);  // step 1 of algorithm 1
   if (centroids > reach + 0.5 * (norm(p1 - p0) + norm(q1 - q0))) return;
   SegmentPair s{slot_a, k, slot_b, m};
-  double u, w;
-  nearest_parameters(p0, p1, q0, q1, u, w);  // step 2 of algorithm 1
-  s.nearest = point(k, m, u, w);
+  s.nearest = point(k, m, nearest_parameters(p0, p1, q0, q1));  // step 2 of algorithm 1
   if (s.nearest.distance >= reach) return;
   find_points(s, reach);
   if (foresight == Foresight::swept && moves > kFarthestMove * radii) {

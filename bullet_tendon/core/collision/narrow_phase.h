@@ -10,8 +10,7 @@
 namespace bt {
 
 // A point of each segment: x_a + u (x_a+1 - x_a) and x_b + w (x_b+1 - x_b).
-struct PairPoint {
-  double u = 0, w = 0;
+struct PairPoint : PairParameters {
   Vec3 apart;           // from b to a, turned by the predicted common rotation of both within the step [m]
   double distance = 0;  // [m]
   int end = 0;          // which end of the stretch along which they touch
@@ -68,7 +67,7 @@ struct NarrowPhase {
   void test(int k, int m);
 
  private:
-  PairPoint point(int k, int m, double u, double w) const;
+  PairPoint point(int k, int m, PairParameters at) const;
   void find_points(SegmentPair& s, double reach) const;
   double motion(int k, int m) const;
   Sweep sweep(int k, int m) const;

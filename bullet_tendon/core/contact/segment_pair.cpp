@@ -37,8 +37,7 @@ void Contact::follow_pair(const Vec3 (&x)[4]) {
   geometry.follows = false;
   if (geometry.parallel) return;
   const Vec3 along = x[1] - x[0], other = x[3] - x[2];
-  double u, w;
-  nearest_parameters(x[0], x[1], x[2], x[3], u, w);
+  const auto [u, w] = nearest_parameters(x[0], x[1], x[2], x[3]);
   const Vec3 apart = x[0] + u * along - (x[2] + w * other);
   // Where the points nearly meet on the straight way since the start of the step, the segments may have
   // crossed. Their common perpendicular tells whether they have. Points at ends have none: there the normal

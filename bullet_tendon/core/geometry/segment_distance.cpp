@@ -18,26 +18,24 @@ double clamp01(double t) { return std::min(std::max(t, 0.0), 1.0); }
 
 // Minimise |p0 + u d - q0 - w e|^2 over the unit square: the free minimiser of u first, then w by
 // projection, then u again where w was clamped.
-void nearest_parameters(Vec3 p0, Vec3 p1, Vec3 q0, Vec3 q1, double& u, double& w) {
+PairParameters nearest_parameters(Vec3 p0, Vec3 p1, Vec3 q0, Vec3 q1) {
   Vec3 d = p1 - p0, e = q1 - q0, r = p0 - q0;
   double dd = dot(d, d), ee = dot(e, e), de = dot(d, e), dr = dot(d, r), er = dot(e, r);
   double det = dd * ee - de * de;
+  double w;
   // Parallel segments have a whole interval of nearest points: take its middle.
   if (det <= kRoundingShare * dd * ee) {
     double w0 = ee > 0 ? clamp01(er / ee) : 0, w1 = ee > 0 ? clamp01((er + de) / ee) : 0;
     w = 0.5 * (w0 + w1);
   } else {
-    u = clamp01((de * er - ee * dr) / det);
-    w = clamp01((de * u + er) / ee);
+    w = clamp01((de * clamp01((de * er - ee * dr) / det) + er) / ee);
   }
-  u = dd > 0 ? clamp01((de * w - dr) / dd) : 0;
-  w = ee > 0 ? clamp01((de * u + er) / ee) : 0;
+  const double u = dd > 0 ? clamp01((de * w - dr) / dd) : 0;
+  return {u, ee > 0 ? clamp01((de * u + er) / ee) : 0};
 }
 
 double segment_distance(Vec3 p0, Vec3 p1, Vec3 q0, Vec3 q1) {
-  double u, w;
-  nearest_parameters(p0, p1, q0, q1, u, w);
-  return norm((1 - u) * p0 + u * p1 - ((1 - w) * q0 + w * q1));
+  return norm(apart_at(p0, p1, q0, q1, nearest_parameters(p0, p1, q0, q1)));
 }
 
 namespace {
@@ -118,18 +116,16 @@ void Sweep::unturn(Vec3 chord, Vec3 chord_after) {
 
 Vec3 Sweep::turned(Vec3 v) const { return turn(v, before, after); }
 
-Vec3 Sweep::apart_at(double share) const {
+Vec3 Sweep::nearest_apart(double share) const {
   Vec3 x[4];
   for (int i = 0; i < 4; ++i) x[i] = from[i] + share * way[i];
-  double u, w;
-  nearest_parameters(x[0], x[1], x[2], x[3], u, w);
-  return (1 - u) * x[0] + u * x[1] - ((1 - w) * x[2] + w * x[3]);
+  return apart_at(x[0], x[1], x[2], x[3], nearest_parameters(x[0], x[1], x[2], x[3]));
 }
 
 double Sweep::share_apart(double enough) const {
   double gone = 0;
   for (int look = 0; look < kAdvances; ++look) {
-    const Vec3 apart = apart_at(gone);
+    const Vec3 apart = nearest_apart(gone);
     const double distance = norm(apart);
     if (distance <= enough) return gone;
     double nears = 0;

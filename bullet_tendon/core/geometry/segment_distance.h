@@ -9,15 +9,17 @@ namespace bt {
 // because of what passes by. More: slower where features are nearly parallel.
 constexpr int kAdvances = 8;
 
-// Nearest parameters of segments p0-p1 and q0-q1: p0 + u (p1 - p0) and q0 + w (q1 - q0).
-void nearest_parameters(Vec3 p0, Vec3 p1, Vec3 q0, Vec3 q1, double& u, double& w);
-
-double segment_distance(Vec3 p0, Vec3 p1, Vec3 q0, Vec3 q1);
-
-// Parameters of a pair of points, as in nearest_parameters.
+// A pair of points of segments p0-p1 and q0-q1: p0 + u (p1 - p0) and q0 + w (q1 - q0).
 struct PairParameters {
   double u = 0, w = 0;
 };
+
+PairParameters nearest_parameters(Vec3 p0, Vec3 p1, Vec3 q0, Vec3 q1);
+// From the point of q to that of p.
+inline Vec3 apart_at(Vec3 p0, Vec3 p1, Vec3 q0, Vec3 q1, PairParameters at) {
+  return (1 - at.u) * p0 + at.u * p1 - ((1 - at.w) * q0 + at.w * q1);
+}
+double segment_distance(Vec3 p0, Vec3 p1, Vec3 q0, Vec3 q1);
 
 // Nearly parallel segments touch along a stretch, and their nearest points jump from one of its ends to the
 // other when the segments turn by rounding. Gives the ends of this stretch, in the order of p, and returns
@@ -48,7 +50,7 @@ struct Sweep {
   double share_apart(double enough) const;
 
  private:
-  Vec3 apart_at(double share) const;
+  Vec3 nearest_apart(double share) const;
 };
 
 }  // namespace bt

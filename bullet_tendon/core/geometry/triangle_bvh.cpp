@@ -103,8 +103,7 @@ Nearest nearest_of(const Triangle& t, Vec3 a, Vec3 b) {
   if (above(t, b, foot)) take_nearer(best, b, 1, foot);
   const Vec3 corner[4] = {t.a, t.b, t.c, t.a};
   for (int k = 0; k < 3; ++k) {
-    double u, w;
-    nearest_parameters(a, b, corner[k], corner[k + 1], u, w);
+    const auto [u, w] = nearest_parameters(a, b, corner[k], corner[k + 1]);
     take_nearer(best, (1 - u) * a + u * b, u, (1 - w) * corner[k] + w * corner[k + 1]);
   }
   return rooted(best);
