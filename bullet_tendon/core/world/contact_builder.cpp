@@ -491,29 +491,6 @@ double World::distance_from(const Shape& shape, const ContactKey& key, int parti
   return (buried ? -e.distance : e.distance) + norm(cache.local[particle] - e.a);
 }
 
-// Contact with a plane on a link, given where it is foreseen to be at the end of the substep.
-Contact World::plane_contact(SegmentPoint spot, int link_slot, const Tangent& surface, const ContactKey& key,
-                             double friction) {
-  const Link& link = scene.links[link_slot];
-  const Tendon& c = *step_.slots[spot.tendon];
-  Contact contact;
-  contact.key = key;
-  contact.a = spot;
-  contact.link = link_slot;
-  const double apart = distance_to_keep(spot, key), kept = apart + options.contact_threshold;
-  contact.geometry.normal = surface.normal;
-  contact.geometry.offset = dot(surface.normal, surface.point) + kept;
-  const Vec3 segment = c.x.at(spot.first + 1) - c.x.at(spot.first);
-  if (surface.radius > 0 && is_across(surface, segment, c.radius))
-    contact.geometry.rim =
-        rim_of(surface.point - surface.radius * surface.normal, surface.axis, surface.radius + kept, {});
-  contact.geometry.margin = kept - c.radius;
-  contact.friction.coefficient = friction * c.friction;
-  carry(contact, c, link);
-  finish_contact(contact, spot.tendon, spot.w0 >= 0.5 ? spot.first : spot.first + 1);
-  return contact;
-}
-
 // Gap that may remain at the end of the substep [m], negative where there is depth now. The substep corrects
 // its share of the depth that the whole step corrects, which is at most `most` [m]. The depth is that of the
 // point of the segment which is nearest now. Where the solution does not move, the contact is there, and not
@@ -533,24 +510,23 @@ double World::depth_to_leave(const Contact& contact, double most) const {
   return -(depth - share * std::min(depth, left));
 }
 
-// Sets stiffness, depth allowance and warm start of a contact of one particle.
-void World::finish_contact(Contact& contact, int tendon_slot, int particle) {
-  const Tendon& c = *step_.slots[tendon_slot];
+// Adds a contact with a link. friction: of the surface, or negative (Link::friction_of).
+void World::add_link_contact(Contact& contact, int link_slot, double friction) {
+  const Tendon& c = *step_.slots[contact.a.tendon];
+  const Link& link = scene.links[link_slot];
+  contact.link = link_slot;
+  contact.friction.coefficient = link.friction_of(friction) * c.friction;
+  carry(contact, c, link);
+  const int particle = contact.a.w0 >= 0.5 ? contact.a.first : contact.a.first + 1;
   contact.geometry.radius = c.radius;
   HeldBack held = held_at(c, particle, !carries(options));
   // In steps that hold the bodies no load ends, and without inertia stiffer contacts take more iterations.
   if (contact.is_round() && !step_.whole) held.arc = stiffness_of_arc(c, particle, contact.geometry.normal);
   finish_contact(contact, held, c.radius);
+  if (!overruled(contact, c, scene.links) && !is_contradicted(contact)) contacts_.all.push_back(contact);
 }
 
-void World::finish_pair(Contact& contact) {
-  const Tendon &a = *step_.slots[contact.a.tendon], &b = *step_.slots[contact.b.tendon];
-  const bool along = !carries(options);
-  contact.geometry.radius = a.radius + b.radius;
-  finish_contact(contact, mean_of(held_at(a, contact.a, along), held_at(b, contact.b, along)),
-                 std::min(a.radius, b.radius));
-}
-
+// Sets stiffness, depth allowance and warm start of a contact.
 void World::finish_contact(Contact& contact, const HeldBack& held, double radius) {
   const bool carries = bt::carries(options), chosen = options.contact_stiffness > 0;
   if (chosen)
@@ -629,14 +605,6 @@ bool World::is_beside(const Anchor& anchor, const Contact& contact) const {
   const NearCache& cache = detection_.caches[key.tendon][key.other];
   // Within a mesh its surface can be out of reach.
   return !cache.entries[anchor.particle].wanted && (shape.primitive || !cache.entries[key.feature].inside);
-}
-
-void World::add_contact(const Contact& contact) {
-  const Tendon& a = *step_.slots[contact.a.tendon];
-  const bool leave_out = contact.b.tendon < 0
-                             ? overruled(contact, a, scene.links) || is_contradicted(contact)
-                             : overruled(contact, a, *step_.slots[contact.b.tendon], scene.links);
-  if (!leave_out) contacts_.all.push_back(contact);
 }
 
 const ContactMemory* World::remembered(const ContactKey& key) const {
@@ -743,14 +711,24 @@ void World::bone_contacts(int tendon, int s) {
   }
 }
 
+// With a plane or a round surface, given where it is foreseen to be at the end of the substep.
 void World::bone_contact(const SegmentPoint& spot, const ContactKey& key, const Tangent& surface) {
   const Shape& shape = *scene.shapes[key.other];
-  const double friction = scene.links[shape.link].friction_of(shape.friction);
-  Contact contact = plane_contact(spot, shape.link, surface, key, friction);
-  contact.normal_force.direct = key.feature < step_.slots[spot.tendon]->n() &&
-                                options.bone_contact == BoneContact::constraint &&
+  const Tendon& c = *step_.slots[spot.tendon];
+  Contact contact;
+  contact.key = key;
+  contact.a = spot;
+  const double kept = distance_to_keep(spot, key) + options.contact_threshold;
+  contact.geometry.normal = surface.normal;
+  contact.geometry.offset = dot(surface.normal, surface.point) + kept;
+  const Vec3 segment = c.x.at(spot.first + 1) - c.x.at(spot.first);
+  if (surface.radius > 0 && is_across(surface, segment, c.radius))
+    contact.geometry.rim =
+        rim_of(surface.point - surface.radius * surface.normal, surface.axis, surface.radius + kept, {});
+  contact.geometry.margin = kept - c.radius;
+  contact.normal_force.direct = key.feature < c.n() && options.bone_contact == BoneContact::constraint &&
                                 !scene.links[shape.link].yields();
-  add_contact(contact);
+  add_link_contact(contact, shape.link, shape.friction);
 }
 
 // Whether the normal of a contact in the last step was nearer to one normal than to another.
@@ -809,8 +787,10 @@ void World::pair_contact(const SegmentPair& p, const PairPoint& at) {
   contact.friction.anchored_at_other = at.w;
   contact.begin_pair(along, b.x.at(p.segment_b + 1) - b.x.at(p.segment_b));
   contact.geometry.parallel = p.parallel;
-  finish_pair(contact);
-  add_contact(contact);
+  contact.geometry.radius = radii;
+  auto held = [&](const Tendon& c, const SegmentPoint& at) { return held_at(c, at, !carries(options)); };
+  finish_contact(contact, mean_of(held(a, contact.a), held(b, contact.b)), std::min(a.radius, b.radius));
+  if (!overruled(contact, a, b, scene.links)) contacts_.all.push_back(contact);
 }
 
 // Algorithm 2: the tunnels in which particles are, and the contacts of bores and mouths.
@@ -950,7 +930,6 @@ void World::bore_contacts(int tendon, int t) {
     if (!bore.has_wall(x, z)) continue;
     const Vec3 on_axis = bore.start + z * bore.axis;
     Contact contact;
-    contact.link = scene.tunnels[t]->link;
     contact.key = {ContactKind::bore, tendon, i, t};
     contact.a = particle_of(c, tendon, i);
     const double room = std::max(0.0, bore.radius - c.radius - options.contact_threshold);
@@ -961,10 +940,7 @@ void World::bore_contacts(int tendon, int t) {
     std::fill_n(contact.geometry.foreseen_bend, 2, bend);
     contact.geometry.bulge = kBulgeAtEnd * bend;
     contact.geometry.normal = direction_across(on_axis - x - contact.geometry.bulge, bore.axis);
-    contact.friction.coefficient = link.friction_of(scene.tunnels[t]->friction) * c.friction;
-    carry(contact, c, link);
-    finish_contact(contact, tendon, i);
-    add_contact(contact);
+    add_link_contact(contact, scene.tunnels[t]->link, scene.tunnels[t]->friction);
   }
 }
 
@@ -1051,7 +1027,6 @@ void World::mouth_contact(const SegmentAtMouth& at, const Rim& rim, double u) {
   const double motion = std::max(motion_of(c, k, link), motion_of(c, k + 1, link));
   limit_motion(c, safe_fraction(distance, c.radius + tunnel.chamfer, motion));
   Contact contact;
-  contact.link = tunnel.link;
   contact.key = {ContactKind::mouth, at.tendon, k, 2 * at.tunnel + at.mouth, 0, rim.half};
   contact.a = {at.tendon, k, 1 - u, u};
   contact.geometry.rim = contact.geometry.foreseen_rim = foreseen_rim(rim, link);
@@ -1063,10 +1038,7 @@ void World::mouth_contact(const SegmentAtMouth& at, const Rim& rim, double u) {
   contact.geometry.threads_mouth = at.threads;
   contact.geometry.beyond_edge = beyond;
   contact.geometry.normal = unit_or(apart, -sideways);
-  contact.friction.coefficient = link.friction_of(tunnel.friction) * c.friction;
-  carry(contact, c, link);
-  finish_contact(contact, at.tendon, u < 0.5 ? k : k + 1);
-  add_contact(contact);
+  add_link_contact(contact, tunnel.link, tunnel.friction);
 }
 
 }  // namespace bt

@@ -420,12 +420,10 @@ class World {
   void half_space_contacts(int tendon, int shape);
   void find_pairs();
   void pair_contact(const SegmentPair& pair, const PairPoint& at);
-  void finish_contact(Contact& contact, int tendon_slot, int particle);
+  void add_link_contact(Contact& contact, int link, double friction);
   void finish_contact(Contact& contact, const HeldBack& held, double radius);
-  void finish_pair(Contact& contact);
   bool turns_far(const Link& link) const;
   void set_arm(Contact& contact) const;
-  void add_contact(const Contact& contact);
   bool is_contradicted(const Contact& contact) const;
   bool is_beside(const Anchor& anchor, const Contact& contact) const;
   void bone_contact(const SegmentPoint& spot, const ContactKey& key, const Tangent& surface);
@@ -501,8 +499,6 @@ class World {
   void join_islands(int a, int b);
   double distance_to_keep(const SegmentPoint& spot, const ContactKey& key) const;
   double distance_from(const Shape& shape, const ContactKey& key, int particle) const;
-  Contact plane_contact(SegmentPoint spot, int link, const Tangent& surface, const ContactKey& key,
-                        double friction);
 
   StepState step_;
   Detection detection_;
