@@ -343,7 +343,7 @@ void find_motion_shift(GeneralizedBody& m, const Articulated& body, const dense:
   for (std::size_t i = 0; i < n; ++i) now[i] = 1.5 * m.rates[i] - 0.5 * before[i];
   body.inertial_force(now.data(), m.motion_shift.data());
   body.inertial_force(m.rates.data(), behind.data());
-  for (std::size_t i = 0; i < n; ++i) m.motion_shift[i] -= behind[i];
+  dense::add(m.motion_shift, -1, behind);
 }
 
 // continues: BDF2 may continue its motion.

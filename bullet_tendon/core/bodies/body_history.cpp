@@ -40,27 +40,25 @@ bool GeneralizedBody::begin_history(double dt, Vec3 gravity, bool whole) {
 
 void GeneralizedBody::continue_history(double dt) {
   work_.forces = history.given;
-  for (int i = 0; i < n() && !motion_shift.empty(); ++i) work_.forces[i] += motion_shift[i];
-  add_gyroscopic_shift(-1, work_.forces);  // that of the motion is of second order
-  gyroscopic_shift = {};
+  dense::add(work_.forces, 1, motion_shift);
+  dense::add(work_.forces, -1, motion_lacks);  // that of the motion is of second order
+  motion_lacks = motion_shift;
   dense::respond(root, work_.forces, work_.half, work_.known);
-  for (int i = 0; i < n(); ++i) change[i] += dt * work_.known[i];
+  dense::add(change, dt, work_.known);
   for (double& e : root) e *= history.share();
 }
 
 double GeneralizedBody::energy_of(const Numbers& acceleration) {
-  work_.along = acceleration;
-  dense::forward(observer.free_root(), work_.along);
-  return dense::dot(work_.along, work_.along);
+  return dense::inverse_square(observer.free_root(), acceleration, work_.along);
 }
 
 const Numbers& GeneralizedBody::known_acceleration() {
   Numbers& acceleration = work_.acceleration;
   acceleration = known_in_step_;
-  for (int i = 0; i < n() && by_motion.size() == acceleration.size(); ++i) acceleration[i] -= by_motion[i];
+  if (by_motion.size() == acceleration.size()) dense::add(acceleration, -1, by_motion);
   if (!external.empty()) {
     dense::multiply(free, external, work_.known);
-    for (int i = 0; i < n(); ++i) acceleration[i] += work_.known[i];
+    dense::add(acceleration, 1, work_.known);
   }
   return acceleration;
 }
@@ -69,7 +67,7 @@ bool GeneralizedBody::is_jerked() {
   if (history.known.empty()) return false;
   const Numbers& now = known_acceleration();
   work_.half = now;
-  for (int i = 0; i < n(); ++i) work_.half[i] -= history.known[i];
+  dense::add(work_.half, -1, history.known);
   return energy_of(work_.half) > kSuddenly * kSuddenly * std::max(energy_of(now), energy_of(history.known));
 }
 
@@ -78,7 +76,7 @@ std::pair<double, double> GeneralizedBody::energies_of_change(double dt) {
   Numbers& all = work_.acceleration;
   const double before = energy_of(history.known.empty() ? all : history.known);
   dense::multiply(free, forces, work_.known);
-  for (int i = 0; i < n(); ++i) all[i] += work_.known[i];
+  dense::add(all, 1, work_.known);
   return {dt * dt * before, dt * dt * energy_of(all)};
 }
 

@@ -50,8 +50,7 @@ const Numbers& GeneralizedBody::known(Vec3 gravity) {
   for (int i = 0; i < n(); ++i)
     work_.known[i] = gravity_response[3 * i] * gravity.x + gravity_response[3 * i + 1] * gravity.y +
                      gravity_response[3 * i + 2] * gravity.z;
-  if (by_motion.size() == work_.known.size())
-    for (int i = 0; i < n(); ++i) work_.known[i] += by_motion[i];
+  if (by_motion.size() == work_.known.size()) dense::add(work_.known, 1, by_motion);
   return work_.known;
 }
 
@@ -65,8 +64,7 @@ const Numbers& GeneralizedBody::unforced() {
   work_.known.assign(n(), 0.0);
   if (known_in_step_.size() == work_.known.size()) work_.known = known_in_step_;
   const Numbers& stopped = stops.accelerates();
-  if (stopped.size() == work_.known.size())
-    for (int i = 0; i < n(); ++i) work_.known[i] += stopped[i];
+  if (stopped.size() == work_.known.size()) dense::add(work_.known, 1, stopped);
   return work_.known;
 }
 
@@ -104,7 +102,7 @@ void GeneralizedBody::take_owed() {
   bool owes = left_out.kept.size() == rates.size();
   if (owes) {
     work_.half = rates;
-    for (int i = 0; i < n(); ++i) work_.half[i] -= left_out.kept[i];
+    dense::add(work_.half, -1, left_out.kept);
     owes = energy_of(work_.half) <= kElsewhere * kElsewhere * energy_of(left_out.kept);
   }
   if (!owes) left_out.owed.clear();
@@ -114,10 +112,8 @@ void GeneralizedBody::take_owed() {
 
 void GeneralizedBody::give_owed(double dt) {
   left_out.force.resize(n());
-  for (int i = 0; i < n(); ++i) {
-    change[i] += left_out.owed[i];
-    left_out.force[i] = left_out.owed[i] / dt;
-  }
+  for (int i = 0; i < n(); ++i) left_out.force[i] = left_out.owed[i] / dt;
+  dense::add(change, 1, left_out.owed);
   dense::solve(observer.free_root(), left_out.force);
 }
 
@@ -170,15 +166,7 @@ bool GeneralizedBody::settle_stops(double dt) {
 
 void GeneralizedBody::add_external(const Numbers& force) {
   external.resize(n());
-  for (int i = 0; i < n(); ++i) external[i] += force[i];
-}
-
-void GeneralizedBody::add_gyroscopic_shift(double share, Numbers& to) const {
-  if (norm(gyroscopic_shift) == 0) return;
-  to.resize(n());
-  to[3] += share * gyroscopic_shift.x;
-  to[4] += share * gyroscopic_shift.y;
-  to[5] += share * gyroscopic_shift.z;
+  dense::add(external, 1, force);
 }
 
 void GeneralizedBody::predict(double dt, Vec3 gravity) {
@@ -187,12 +175,15 @@ void GeneralizedBody::predict(double dt, Vec3 gravity) {
   for (int i = 0; i < n(); ++i) change[i] = dt * (change[i] + observer.push()[i]);
   if (!left_out.owed.empty()) give_owed(dt);
   root = observer.root();
-  gyroscopic_shift = n() == 6 ? inertia.gyroscopic_shift({rates[3], rates[4], rates[5]}, dt) : Vec3{};
-  work_.forces = external;
-  add_gyroscopic_shift(1, work_.forces);
-  if (!work_.forces.empty()) {
+  motion_lacks.clear();
+  const Vec3 torque = n() == 6 ? inertia.gyroscopic_shift({rates[3], rates[4], rates[5]}, dt) : Vec3{};
+  if (norm(torque) > 0) motion_lacks = {0, 0, 0, torque.x, torque.y, torque.z};
+  if (!external.empty() || !motion_lacks.empty()) {
+    work_.forces = external;
+    work_.forces.resize(n());
+    dense::add(work_.forces, 1, motion_lacks);
     dense::respond(root, work_.forces, work_.half, work_.known);
-    for (int i = 0; i < n(); ++i) change[i] += dt * work_.known[i];
+    dense::add(change, dt, work_.known);
   }
   stops.find(stopped(), base(), dt);
   if (!stops.any() || observer.forces().size() != rates.size()) return;
@@ -216,16 +207,11 @@ bool GeneralizedBody::turns_far(Vec3 spin, double dt) const {
 void GeneralizedBody::act(double dt) {
   stops.rest(n());
   joint_forces.assign(n(), 0.0);
-  auto add_left_out = [&](double share, Numbers& to) {
-    for (size_t i = 0; i < left_out.force.size(); ++i) to[i] += share * left_out.force[i];
-  };
-  add_left_out(1, forces);
+  dense::add(forces, 1, left_out.force);
   stops.share(stopped(), forces, dt, joint_forces);
-  add_left_out(-1, forces);
-  add_left_out(1, joint_forces);
-  if (history.continues && !motion_shift.empty())
-    for (int i = 0; i < n(); ++i) joint_forces[i] += motion_shift[i];
-  add_gyroscopic_shift(1, joint_forces);
+  dense::add(forces, -1, left_out.force);
+  dense::add(joint_forces, 1, left_out.force);
+  dense::add(joint_forces, 1, motion_lacks);
   if (history.admitted && history.coupled && !stops.act()) {
     history.steady_share = 1;
     history.dt = dt;
@@ -233,7 +219,7 @@ void GeneralizedBody::act(double dt) {
     history.forget();
   }
   work_.known = joint_forces;
-  for (int i = 0; i < n() && !external.empty(); ++i) work_.known[i] += external[i];
+  dense::add(work_.known, 1, external);
   observer.act(forces, work_.known, dt);
 }
 
@@ -257,14 +243,10 @@ void GeneralizedBody::begin_substep(double before, double at_end) {
   if (dense::dot(substep.pushed, substep.pushed) > 0)
     dense::respond(root, substep.pushed, work_.half, substep.changed);
   substep.changes_to = substep.changed;
-  for (int i = 0; i < n(); ++i) {
-    substep.changed[i] += before * change[i];
-    substep.changes_to[i] += at_end * change[i];
-  }
-  for (size_t i = 0; i < left_out.owed.size(); ++i) {
-    substep.changed[i] += (1 - before) * left_out.owed[i];
-    substep.changes_to[i] += (1 - at_end) * left_out.owed[i];
-  }
+  dense::add(substep.changed, before, change);
+  dense::add(substep.changed, 1 - before, left_out.owed);
+  dense::add(substep.changes_to, at_end, change);
+  dense::add(substep.changes_to, 1 - at_end, left_out.owed);
 }
 
 }  // namespace bt

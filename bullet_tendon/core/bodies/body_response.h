@@ -82,9 +82,11 @@ struct GeneralizedBody {
   // Generalized forces of its motion at the velocity at the start of the step, less those at the mean
   // velocity of the last step, which pybullet applies (n); empty: not known.
   Numbers motion_shift;
-  Vec3 gyroscopic_shift;  // as Inertia has it, in this step
+  // What pybullet's forces of the motion lack in this step (n): motion_shift of a body that continues by
+  // BDF2, else Inertia::gyroscopic_shift. Empty: nothing.
+  Numbers motion_lacks;
   // Generalized forces that pybullet is given besides those of the tendons (n): of limits that joints would
-  // pass in this step, of motion_shift or gyroscopic_shift, and of left_out.
+  // pass in this step, motion_lacks, and of left_out.
   Numbers joint_forces;
   Numbers external;  // generalized forces of the user in this step (n); empty: none
   BodyStops stops;
@@ -187,8 +189,6 @@ struct GeneralizedBody {
   void take_owed();
   // Adds that motion to the prediction.
   void give_owed(double dt);
-  // Adds a share of the torque to generalized forces (n; or empty: none).
-  void add_gyroscopic_shift(double share, Numbers& to) const;
   const Numbers& unforced();
   BodyStops::Body stopped() { return {rates, observer, root, change}; }
   Numbers explain_stops(const Numbers& reported, const Numbers& reached);

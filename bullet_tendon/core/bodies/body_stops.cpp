@@ -170,22 +170,6 @@ void BodyStops::correct_constraints(const BodyStops& seen) {
   for (size_t k = 0; k < constraints.size(); ++k) constraints[k].most = seen.constraints[k].most;
 }
 
-bool BodyStops::constraints_act() const {
-  return std::any_of(all_.begin(), all_.end(), [](const Stop& s) { return s.acts && s.constraint >= 0; });
-}
-
-bool BodyStops::act() const {
-  return std::any_of(all_.begin(), all_.end(), [](const Stop& s) { return s.acts; });
-}
-
-bool BodyStops::limits_act() const {
-  return std::any_of(all_.begin(), all_.end(), [](const Stop& s) { return s.acts && !s.sets_rate(); });
-}
-
-bool BodyStops::motors_act() const {
-  return std::any_of(all_.begin(), all_.end(), [](const Stop& s) { return s.acts && s.motor; });
-}
-
 // Whether contacts or constraints hold the body along work_.direction: an impulse that is divided by nearly
 // no response would throw it as soon as they yield. Sets work_.half to E^T d. Whatever holds its other
 // joints, the response of a joint is at least 1/M_ii = 1/|L^-1 e_i|^2.
@@ -193,9 +177,7 @@ bool BodyStops::is_held(const Body& of, int coordinate) {
   dense::multiply_transposed(of.root, work_.direction, work_.half);
   double least = 0;
   if (coordinate >= 0) {
-    work_.known.assign(work_.direction.begin(), work_.direction.end());
-    dense::forward(of.observer.free_root(), work_.known);
-    least = kLeastOfJoint / dense::dot(work_.known, work_.known);
+    least = kLeastOfJoint / dense::inverse_square(of.observer.free_root(), work_.direction, work_.known);
   } else {
     dense::multiply_transposed(of.observer.free_root(), work_.direction, work_.known);
     least = kLeastYield * dense::dot(work_.known, work_.known);
@@ -332,7 +314,7 @@ void BodyStops::push_steadily(const Body& of, const std::vector<int>& coordinate
   work_.direction.assign(of.rates.size(), 0.0);
   for (int i : coordinates) work_.direction[i] = motors.all[i].force;
   dense::respond(of.root, work_.direction, work_.half, work_.known);
-  for (size_t i = 0; i < of.rates.size(); ++i) of.change[i] += dt * work_.known[i];
+  dense::add(of.change, dt, work_.known);
   for (size_t a = 0; a < all_.size(); ++a) all_[a].missing -= dt * along(directions_, a, work_.known);
 }
 
@@ -375,8 +357,7 @@ bool BodyStops::limits_are_known() const {
 }
 
 bool BodyStops::hold_firmly(const Numbers& root, const Numbers& free_root) const {
-  auto may_give_way = [](const Stop& s) { return s.acts && s.motor && !s.firm; };
-  if (std::any_of(all_.begin(), all_.end(), may_give_way)) return false;
+  if (any_acts([](const Stop& s) { return s.motor && !s.firm; })) return false;
   return act() && largest_of(root) <= kRoundingShare * largest_of(free_root);
 }
 
@@ -490,7 +471,7 @@ void BodyStops::push_by_bounded(const Body& of, double dt) {
   }
   if (!any) return;
   dense::respond(of.root, work_.direction, work_.half, work_.known);
-  for (size_t i = 0; i < n; ++i) of.change[i] += work_.known[i];
+  dense::add(of.change, 1, work_.known);
 }
 
 // Collects S E in work_.half and S R S^T in work_.within_acting, of the active stops.
@@ -612,7 +593,7 @@ void BodyStops::share(const Body& of, const Numbers& forces, double dt, Numbers&
   if (act() && are_swept(static_cast<int>(n)) && !of.observer.held()) {
     rows(dt).sweep_as_pybullet(pushes_, swept);
     work_.along = forces;
-    for (size_t i = 0; i < n; ++i) work_.along[i] += given[i];
+    dense::add(work_.along, 1, given);
     // pybullet's own stops would not stop the body, or end their sweeps, with these impulses, too early.
     const bool cut = !answered && pybullet_cuts_off(of, work_.along, dt);
     const bool early = !answered && rows(dt).differs(pushes_, swept) > kSolverNoise;

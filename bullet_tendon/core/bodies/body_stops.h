@@ -5,6 +5,7 @@
 // share of the depth. A motor sets the rate of its joint, a constraint one that corrects its error. These
 // rows are predicted (bodies/body_stops.cpp).
 #pragma once
+#include <algorithm>
 #include <vector>
 
 #include "bodies/bounded_rows.h"
@@ -52,7 +53,9 @@ class BodyStops {
   void begin_step() { broke_ = yielded_ = false; }
   // Takes for a step that is solved again what was seen of the constraints after it.
   void correct_constraints(const BodyStops& seen);
-  bool constraints_act() const;
+  bool constraints_act() const {
+    return any_acts([](const Stop& s) { return s.constraint >= 0; });
+  }
   // Finds the rows of a step of dt [s]. base: number of rates that are of the base.
   void find(const Body& of, int base, double dt);
   // Determines those that act under these forces of the tendons (n). Returns whether they changed.
@@ -76,9 +79,13 @@ class BodyStops {
   void explain(const Body& of, const Numbers& forces, const Numbers& by_motors);
 
   bool any() const { return !all_.empty(); }
-  bool act() const;
+  bool act() const {
+    return any_acts([](const Stop&) { return true; });
+  }
   // Whether limits or contacts act.
-  bool limits_act() const;
+  bool limits_act() const {
+    return any_acts([](const Stop& s) { return !s.sets_rate(); });
+  }
   // Whether the limits of the motors that hold joints are known, or too large to be found out (Stop::firm).
   bool limits_are_known() const;
   // Whether limits, constraints, and motors whose limits are that large, leave nothing (root) of the free
@@ -91,6 +98,10 @@ class BodyStops {
 
  private:
   friend struct StateFields;  // world/state_fields.h
+  template <class Is>
+  bool any_acts(Is is) const {
+    return std::any_of(all_.begin(), all_.end(), [&](const Stop& s) { return s.acts && is(s); });
+  }
   void find_limits(const Body& of, double dt);
   void find_contacts(const Body& of, double dt);
   void find_spins(const Body& of, int base);
@@ -113,7 +124,9 @@ class BodyStops {
   bool admit(const Body& of, const Numbers& forces, double dt);
   bool choose_motors(const Body& of, const Numbers& forces, double dt);
   bool pybullet_cuts_off(const Body& of, const Numbers& forces, double dt);
-  bool motors_act() const;
+  bool motors_act() const {
+    return any_acts([](const Stop& s) { return s.motor; });
+  }
   bool shift_to_limits(const Body& of, bool answered, double dt);
   void give(size_t row, double dt, Numbers& given);
   void find_by_pybullet(const Body& of, double dt);

@@ -119,7 +119,7 @@ Numbers Observer::forces_of_motors(const Numbers& rates, const Numbers& gravity,
 
 void Observer::measure(const Numbers& rates, const Numbers& gravity, const Numbers& motors) {
   work_.now.forces = applied_;
-  for (size_t i = 0; i < motors.size(); ++i) work_.now.forces[i] += motors[i];
+  add(work_.now.forces, 1, motors);
   multiply_transposed(root_, work_.now.forces, work_.now.root_forces);
   work_.now.acceleration.resize(n_);
   for (int i = 0; i < n_; ++i) work_.now.acceleration[i] = (rates[i] - rates_[i]) / dt_ - gravity[i];
@@ -127,7 +127,7 @@ void Observer::measure(const Numbers& rates, const Numbers& gravity, const Numbe
 
 void Observer::act(const Numbers& tendons, const Numbers& others, double dt) {
   forces_ = applied_ = tendons;
-  for (int i = 0; i < n_; ++i) applied_[i] += others[i];
+  add(applied_, 1, others);
   dt_ = dt;
   acted_ = true;
 }
@@ -187,12 +187,8 @@ void Observer::release() {
 
 // Sets work_.s to the acceleration a - R w by what holds the body. Returns |L^-1 s|.
 double Observer::norm_of_hold(const Numbers& forces, const Numbers& acceleration) {
-  respond(root_, forces, work_.one, work_.other);
-  work_.s.resize(n_);
-  work_.one.resize(n_);
-  for (int i = 0; i < n_; ++i) work_.one[i] = work_.s[i] = acceleration[i] - work_.other[i];
-  forward(root_, work_.one);
-  return std::sqrt(dot(work_.one, work_.one));
+  unexplained(root_, forces, acceleration, work_.s);
+  return std::sqrt(inverse_square(root_, work_.s, work_.one));
 }
 
 // Lets it yield where its hold gives it this share of the acceleration work_.s.
@@ -207,7 +203,7 @@ void Observer::let_yield(double share) {
 bool Observer::limit_hold(const Numbers& tendons, double dt) {
   if (!hold_.acts || hold_.yields || static_cast<int>(tendons.size()) != n_) return false;
   respond(effective_root_, tendons, work_.one, work_.e);
-  for (int i = 0; i < n_; ++i) work_.e[i] += push_[i];
+  add(work_.e, 1, push_);
   const double needed = norm_of_hold(tendons, work_.e);
   double fastest = 0;
   for (double a : work_.s) fastest = std::max(fastest, dt * std::fabs(a));
@@ -250,16 +246,22 @@ bool Observer::has_yielded() {
   return dot(work_.one, work_.other) < 0.5 * dot(work_.other, work_.other);
 }
 
+// Sets rest to a - R w, of the response R with this root.
+void Observer::unexplained(const Numbers& root, const Numbers& forces, const Numbers& acceleration,
+                           Numbers& rest) {
+  respond(root, forces, work_.one, work_.other);
+  rest = acceleration;
+  add(rest, -1, work_.other);
+}
+
 // a - R_eff w.
 void Observer::unexplained(const Sample& by, Numbers& rest) {
-  respond(effective_root_, by.forces, work_.one, work_.other);
-  rest.resize(n_);
-  for (int i = 0; i < n_; ++i) rest[i] = by.acceleration[i] - work_.other[i];
+  unexplained(effective_root_, by.forces, by.acceleration, rest);
 }
 
 void Observer::compare(const Sample& now) {
   unexplained(now, missed_);
-  for (int i = 0; i < n_; ++i) missed_[i] -= push_[i];
+  add(missed_, -1, push_);
 }
 
 // Without the cut-off, the rate would have been larger. A motion short of the prediction is replaced by the
@@ -281,12 +283,9 @@ bool Observer::note_cut(const Numbers& rates, bool thrown) {
 
 bool Observer::is_surprised(const Numbers& accelerations) {
   if (missed_.empty()) return false;
-  work_.one = missed_;
-  work_.other = accelerations;
-  forward(root_, work_.one);
-  forward(root_, work_.other);
-  const double known = dot(last_.root_forces, last_.root_forces) + dot(work_.other, work_.other);
-  return dot(work_.one, work_.one) > kEvidence * kEvidence * known;
+  const double known =
+      dot(last_.root_forces, last_.root_forces) + inverse_square(root_, accelerations, work_.other);
+  return inverse_square(root_, missed_, work_.one) > kEvidence * kEvidence * known;
 }
 
 // Whether the body moved along the forces by more than predicted.
@@ -307,14 +306,12 @@ void Observer::learn(const Sample& now, const Numbers& gravity, const Circumstan
                   [&](double error) { return dt_ * std::fabs(error) <= of.noise; }))
     return;
   const double es = dot(work_.e, work_.s), ee = dot(work_.e, work_.e);
-  work_.one = gravity;
-  forward(root_, work_.one);
   // Forces at joint limits may cancel those of tendons but for a small remainder.
   multiply_transposed(root_, forces_, work_.other);
-  for (int i = 0; i < n_; ++i) work_.other[i] -= now.root_forces[i];
+  add(work_.other, -1, now.root_forces);
   // A body that is held may yield by less than that.
   const double least_error = hold_.acts ? kLeastNews : kEvidence;
-  const double known = dot(work_.one, work_.one) + dot(work_.other, work_.other);
+  const double known = inverse_square(root_, gravity, work_.one) + dot(work_.other, work_.other);
   if (ee <= least_error * least_error * news || ee <= kLeastNews * kLeastNews * known) return;
   // A response between none and the free one has an error e with |e|^2 <= |e.s|. An error that is twice that
   // has another cause.

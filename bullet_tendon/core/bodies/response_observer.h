@@ -134,6 +134,7 @@ class Observer {
   void note_hold();
   bool has_yielded();
   void measure(const Numbers& rates, const Numbers& gravity, const Numbers& motors);
+  void unexplained(const Numbers& root, const Numbers& forces, const Numbers& acceleration, Numbers& rest);
   void unexplained(const Sample& by, Numbers& rest);
   void leave_out_cut();
   bool note_cut(const Numbers& rates, bool thrown);

@@ -222,6 +222,16 @@ double dot(const Numbers& a, const Numbers& b) {
   return sum;
 }
 
+void add(Numbers& y, double s, const Numbers& x) {
+  for (size_t i = 0; i < x.size(); ++i) y[i] += s * x[i];
+}
+
+double inverse_square(const Numbers& l, const Numbers& x, Numbers& half) {
+  half.assign(x.begin(), x.end());
+  forward(l, half);
+  return dot(half, half);
+}
+
 }  // namespace dense
 
 Sym3 positive_part(const Sym3& s) {

@@ -50,6 +50,10 @@ void forward_rows(const Numbers& l, int n, Numbers& b);
 // of u (Jacobi).
 void eigen(int n, Numbers& a, Numbers& u);
 double dot(const Numbers& a, const Numbers& b);
+// y += s x; nothing if x is empty.
+void add(Numbers& y, double s, const Numbers& x);
+// |L^-1 x|^2; half is work space.
+double inverse_square(const Numbers& l, const Numbers& x, Numbers& half);
 // a = E E^T w; half is work space.
 void respond(const Numbers& e, const Numbers& w, Numbers& half, Numbers& a);
 // x <- A^-1 x by the factor L of A; 0 where a pivot is zero.

@@ -140,9 +140,8 @@ void place_bodies(Island& island) {
 void advance_bodies(Island& island, double alpha, double second) {
   if (island.bodies.indices.empty()) return;
   each_body(island, [&](GeneralizedBody& m) {
-    BodyUnknowns& of = m.unknowns;
-    for (int k = 0; k < m.n(); ++k) of.y[k] += alpha * of.dy[k];
-    for (int k = 0; second != 0 && k < m.n(); ++k) of.y[k] += second * of.correction[k];
+    dense::add(m.unknowns.y, alpha, m.unknowns.dy);
+    if (second != 0) dense::add(m.unknowns.y, second, m.unknowns.correction);
   });
   place(island);
 }

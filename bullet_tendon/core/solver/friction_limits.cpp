@@ -63,10 +63,6 @@ void apply(Island& island, const Options& o, const std::vector<Contact*>& contac
   }
 }
 
-void add(Numbers& to, double share, const Numbers& what) {
-  for (size_t i = 0; i < to.size(); ++i) to[i] += share * what[i];
-}
-
 // Solves for w, starting at w = 0 with the residual w_0.
 Numbers solve(Island& island, const Options& o, const std::vector<Contact*>& contacts, Numbers residual) {
   const double enough = kLimitAccuracy * kLimitAccuracy * dense::dot(residual, residual);
@@ -77,16 +73,16 @@ Numbers solve(Island& island, const Options& o, const std::vector<Contact*>& con
     apply(island, o, contacts, p, q);
     for (size_t j = 0; j < ps.size(); ++j) {
       const double share = -dense::dot(q, qs[j]);
-      add(q, share, qs[j]);
-      add(p, share, ps[j]);
+      dense::add(q, share, qs[j]);
+      dense::add(p, share, ps[j]);
     }
     const double length = std::sqrt(dense::dot(q, q));
     if (!(length > 0)) break;
     for (double& v : p) v /= length;
     for (double& v : q) v /= length;
     const double share = dense::dot(residual, q);
-    add(w, share, p);
-    add(residual, -share, q);
+    dense::add(w, share, p);
+    dense::add(residual, -share, q);
     ps.push_back(std::move(p));
     qs.push_back(std::move(q));
   }
@@ -104,7 +100,7 @@ void solve_limits(Island& island, const StepContext& context, double enough) {
   const Numbers w = solve(island, context.options, contacts, changes);
   answer(island, context.options, contacts, w);
   combine(island, -1, &Tendon::solved, 1, &Tendon::dx);
-  if (!island.bodies.indices.empty()) add(island.bodies.corner_side, 1, of_bodies);
+  dense::add(island.bodies.corner_side, 1, of_bodies);
   move_bodies(island, -1, &Tendon::dx);
 }
 
