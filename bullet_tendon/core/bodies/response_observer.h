@@ -99,8 +99,7 @@ class Observer {
   double dt() const { return dt_; }  // length of the last step [s]
   // The rates right after the last step, if they were sampled, else these.
   const Numbers& reached(const Numbers& rates) const { return sampled_.empty() ? rates : sampled_; }
-  bool is_new() const { return samples_ < 2; }  // fewer than two steps are known
-  bool held() const { return hold_.acts; }      // R_eff is less than the free response
+  bool held() const { return hold_.acts; }  // R_eff is less than the free response
   bool held_firmly() const { return hold_.acts && hold_.firm; }
   // R_eff is the free response, or is taken for it because the hold yields.
   bool responds_freely() const { return !hold_.acts || hold_.yields; }
