@@ -77,23 +77,10 @@ def test_fingers_without_motors_are_not_taken_for_held_ones(monkeypatch):
     assert not any(held)
 
 
-# Families with scenes that are wrong today, and why (scenarios/benchmarks/README.md has their numbers).
-WRONG_TODAY = {
-    "end_pushed_on_plate": "a free end that buckles under a large push",
-    "held_in_jaws": "pybullet lets a box turn between jaws, and then slip",
-    "graft_in_bone": "chords of a coarse graft press on both walls of a tight bore",
-    "joined_bodies": "a pair that spins at 40 rad/s and winds its own cords up",
-    "light_body_off_centre": "attachments of bodies of a few grams lag behind in violent steps",
-    "oblique_mouth": "chords of a coarse graft press on both walls of a tight bore",
-}
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("first", range(0, PER_FAMILY, CHUNK))
 @pytest.mark.parametrize("family", sorted(FAMILIES))
-def test_many_scenes_of_each_family(request, family, first):
-    if family in WRONG_TODAY:
-        request.applymarker(pytest.mark.xfail(reason=WRONG_TODAY[family], strict=False))
+def test_many_scenes_of_each_family(family, first):
     judge(family, range(first, min(first + CHUNK, PER_FAMILY)), 240)
 
 
