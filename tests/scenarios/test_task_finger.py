@@ -165,6 +165,21 @@ def test_refused_options(task, options, error):
     assert task.observation_space.contains(task.reset(seed=0)[0])
 
 
+@pytest.mark.parametrize("seed", [7011, 7064])
+def test_a_flexor_that_mouths_squeeze_does_not_sink_into_their_edges(task, seed):
+    """The last hinge is at its limit, and the long flexor slides through two mouths beside it."""
+    depths = []
+
+    def expert(observation):
+        contacts = task.world.contacts
+        pressed = contacts["distance"][contacts["normal_force"] > 0]
+        depths.append(-pressed.min(initial=0.0))
+        return tendon_finger.expert(observation)
+
+    assert run(task, expert, seed, mode="hold")[1]["is_success"]
+    assert max(depths) < 1.1e-3
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("mode", ["reach", "hold"])
 def test_expert_over_a_hundred_seeds(task, mode):

@@ -492,14 +492,16 @@ double World::distance_from(const Shape& shape, const ContactKey& key, int parti
 }
 
 // Gap that may remain at the end of the substep [m], negative where there is depth now. The substep corrects
-// its share of the depth that the whole step corrects, which is at most `most` [m]. The depth is that of the
-// point of the segment which is nearest now. Where the solution does not move, the contact is there, and not
-// at the point that is predicted to be nearest: a depth that was not left would be corrected at once, however
-// short the substep is.
+// its share of the depth that the whole step corrects, which is at most `most` [m]. Over a round surface,
+// the depth is that of the point of the segment which is nearest now. Where the solution does not move, the
+// contact is there, and not at the point that is predicted to be nearest: a depth that was not left would be
+// corrected at once, however short the substep is. Where a tendon slides through a mouth, the point that will
+// be at the edge is less deep now. More depth than that is not left: a tendon that mouths squeeze would sink
+// deeper into the edge as it slides.
 double World::depth_to_leave(const Contact& contact, double most) const {
   Contact now = contact;
   Vec3 point = contact.friction.relative_start;
-  if (now.follows()) {
+  if (now.is_round()) {
     const Vec3 along = contact.friction.along_start, start = point - contact.a.w1 * along;
     now.follow(start, start + along);
     point = start + now.a.w1 * along;
