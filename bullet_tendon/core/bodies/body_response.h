@@ -83,8 +83,8 @@ struct GeneralizedBody {
   // velocity of the last step, which pybullet applies (n); empty: not known.
   Numbers motion_shift;
   // What pybullet's forces of the motion lack in this step (n): motion_shift of a body that continues by
-  // BDF2, else Inertia::gyroscopic_shift. Empty: nothing.
-  Numbers motion_lacks;
+  // BDF2, else Inertia::gyroscopic_shift. Empty: nothing. Each prediction finds it anew.
+  dense::Scratch motion_lacks;
   // Generalized forces that pybullet is given besides those of the tendons (n): of limits that joints would
   // pass in this step, motion_lacks, and of left_out.
   Numbers joint_forces;
