@@ -3,6 +3,7 @@
 import numpy as np
 import pybullet as p
 import pytest
+from link_scenes import block
 
 import bullet_tendon as bt
 
@@ -12,14 +13,13 @@ ROPE = bt.Material(stiffness=2e4, damping=200.0, density=1e-3)
 
 def ladder(world, client, bars):
     """A rope ladder; the bars, and the ropes by pairs from the top."""
-    shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.2, 0.01, 0.01], physicsClientId=client)
-    below = [
-        p.createMultiBody(MASS, shape, -1, [0, 0, -GAP * (k + 1)], physicsClientId=client)
-        for k in range(bars)
-    ]
+    damped = {"linearDamping": 0.9, "angularDamping": 0.9}
+    below = []
+    for k in range(bars):
+        below.append(block(client, MASS, (0, 0, -GAP * (k + 1)), (0.2, 0.01, 0.01)))
+        p.changeDynamics(below[-1], -1, **damped, physicsClientId=client)
     ropes = []
     for k, bar in enumerate(below):
-        p.changeDynamics(bar, -1, linearDamping=0.9, angularDamping=0.9, physicsClientId=client)
         for x in (-0.2, 0.2):
             rope = world.add_tendon([[x, 0, -GAP * k], [x, 0, -GAP * (k + 1)]], 0.002, ROPE, 4)
             if k == 0:

@@ -12,6 +12,12 @@ R, DT = 0.003, 1 / 240
 ROPE = bt.Material(stiffness=2e3, damping=1.0, friction=0.0)
 
 
+def octahedron(size):
+    """Its vertices [m], on the axes, and triangles."""
+    faces = [[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2], [1, 0, 5], [3, 1, 5], [4, 3, 5], [0, 4, 5]]
+    return size * np.vstack([np.eye(3), -np.eye(3)]), faces
+
+
 def box(client, half, at=(0, 0, 0)):
     shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=half, physicsClientId=client)
     return p.createMultiBody(0, shape, -1, at, physicsClientId=client)
@@ -77,9 +83,7 @@ def test_the_report_counts_what_is_skipped_and_what_is_culled(make_world, client
         shape = p.createCollisionShape(p.GEOM_SPHERE, radius=size, physicsClientId=client)
         world.add_obstacle(p.createMultiBody(0, shape, physicsClientId=client))
     else:  # an octahedron, whose box has empty corners as well
-        vertices = size * np.vstack([np.eye(3), -np.eye(3)])
-        faces = [[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2], [1, 0, 5], [3, 1, 5], [4, 3, 5], [0, 4, 5]]
-        add_mesh(world, client, vertices, faces)
+        add_mesh(world, client, *octahedron(size))
     corner = 0.9 * size
     world.add_tendon([[corner, corner, corner], [corner, corner, 0.8 * size]], R, ROPE, n)
     world.add_tendon([[0, 0, 3 * size], [size, 0, 3 * size]], R, ROPE, m)
@@ -119,10 +123,8 @@ def test_a_tendon_between_two_walls_leaves_neither_unseen(make_world, client, sp
 def test_the_oracle_measures_particles_and_the_segments_follow_from_them(make_world, client, monkeypatch):
     """A tendon across the tip of an octahedron, which only the middle segment touches, in the first step."""
     size, n = 0.05, 6
-    vertices = size * np.vstack([np.eye(3), -np.eye(3)])
-    faces = [[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2], [1, 0, 5], [3, 1, 5], [4, 3, 5], [0, 4, 5]]
     world = make_world(DT)
-    add_mesh(world, client, vertices, faces)
+    add_mesh(world, client, *octahedron(size))
     height = size + 0.9 * R
     t = world.add_tendon([[-0.05, 0.0, height], [0.05, 0.0, height]], R, ROPE, n)
     t.grip(0)
