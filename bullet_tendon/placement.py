@@ -84,6 +84,8 @@ class Placement:
 
         Raises UnknownId where a body was removed that something here refers to.
         """
+        if not self.new:
+            return
         tendons = [self._tendons[slot] for slot in sorted(self.new)]
         self.new.clear()
         if not self._obstacles:

@@ -136,8 +136,7 @@ class Stepper:
         it is larger than the tendons' own. None only where the step could not be solved and the options say
         to go on. Raises what apply raises.
         """
-        if self._placement.new:
-            self._placement.look()
+        self._placement.look()
         solved = self._core.hold(dt, gravity, at_hand, self._measure)
         self._is_read = False
         self._bullet = self._react = 0.0
@@ -181,8 +180,7 @@ class Stepper:
         return StepFailed(name, report.worst_particle, report.residual, self._options.tolerance)
 
     def _look_and_sense(self, dt: float, gravity: tuple) -> None:
-        if self._placement.new:
-            self._placement.look()
+        self._placement.look()
         self._sense(dt, gravity)
 
     def _sense(self, dt: float, gravity: tuple, was_read: bool = True) -> None:
