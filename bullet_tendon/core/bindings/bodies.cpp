@@ -105,7 +105,7 @@ void stand_alone(GeneralizedBody& m, const Link& l, PyObject* info, PyObject* tu
   m.free.assign(36, 0.0);
   for (int i = 0; i < 3; ++i) {
     m.free[7 * i] = 1 / number(info, 0);
-    for (int j = 0; j < 3; ++j) m.free[6 * (3 + i) + 3 + j] = dot(of_spin.row(i), unit_axis(j));
+    for (int j = 0; j < 3; ++j) m.free[6 * (3 + i) + 3 + j] = of_spin.entry(i, j);
   }
 }
 

@@ -32,8 +32,7 @@ void ElementTerms::add(const Element& element) {
     turned.pulls = touched.pulls;
     const Mat3 arms = full(turned.stiffness());  // the gradient is minus the force
     for (int r = 0; r < 3; ++r)
-      for (int c = 0; c < 3; ++c)
-        stiffness.mutable_at(6 * at + 3 + r, 6 * at + 3 + c) -= dot(arms.row(r), unit_axis(c));
+      for (int c = 0; c < 3; ++c) stiffness.mutable_at(6 * at + 3 + r, 6 * at + 3 + c) -= arms.entry(r, c);
   }
 }
 

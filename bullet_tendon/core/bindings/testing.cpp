@@ -165,7 +165,7 @@ Array full_block(const Contact& contact) {
     for (int j = 0; j < 3 * particles; ++j) {
       const bool above = i / 3 <= j / 3;
       const Mat3 block = above ? k.at(i / 3, j / 3) : transposed(k.at(j / 3, i / 3));
-      full.mutable_at(i, j) = dot(block.row(i % 3), unit_axis(j % 3));
+      full.mutable_at(i, j) = block.entry(i % 3, j % 3);
     }
   return full;
 }

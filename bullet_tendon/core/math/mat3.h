@@ -8,6 +8,7 @@ namespace bt {
 struct Mat3 {
   Vec3 r0, r1, r2;
   Vec3 row(int i) const { return i == 0 ? r0 : i == 1 ? r1 : r2; }
+  double entry(int i, int j) const { return dot(row(i), unit_axis(j)); }
 };
 
 inline Vec3 operator*(const Mat3& a, Vec3 v) { return {dot(a.r0, v), dot(a.r1, v), dot(a.r2, v)}; }
