@@ -338,6 +338,15 @@ void answer(const Query& q, double distance, Vec3 point, double u, const Pose& p
   take_plane(e, q, plane, distance);
 }
 
+void measure_from_ends(const Query& q, const Surface& surface, NearCache& cache) {
+  const int particles = static_cast<int>(cache.local.size());
+  const Entry &start = cache.entries[q.feature - particles], &end = cache.entries[q.feature - particles + 1];
+  double within = HUGE_VAL;
+  if (start.known) within = bound_of(q.a, start.asked.point);
+  if (end.known) within = std::min(within, bound_of(q.b, end.asked.point));
+  take_nearest(cache.entries[q.feature], q, surface.search(q.a, q.b, within));
+}
+
 void leave_out_insertions(const Tendon& tendon, const Shape& shape, const std::vector<Bore>& bores,
                           NearCache& cache) {
   cache.buried.clear();
@@ -435,15 +444,6 @@ Tangent tangent_of(const NearCache& cache, const Shape& shape, int feature, Vec3
   const double angle = std::min(std::max(std::atan2(curvature * aside, 1 + curvature * height), -most), most);
   const double s = std::sin(angle), c = std::cos(angle);
   return {point + (s / curvature) * along + (-(1 - c) / curvature) * normal, c * normal + s * along};
-}
-
-void measure_from_ends(const Query& q, const Surface& surface, NearCache& cache) {
-  const int particles = static_cast<int>(cache.local.size());
-  const Entry &start = cache.entries[q.feature - particles], &end = cache.entries[q.feature - particles + 1];
-  double within = HUGE_VAL;
-  if (start.known) within = bound_of(q.a, start.asked.point);
-  if (end.known) within = std::min(within, bound_of(q.b, end.asked.point));
-  take_nearest(cache.entries[q.feature], q, surface.search(q.a, q.b, within));
 }
 
 }  // namespace bt

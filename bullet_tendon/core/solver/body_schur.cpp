@@ -414,7 +414,6 @@ void start_panel(Panel& panel, int n) {
   clear(panel.pulls, panel.pulls_any);
   clear(panel.moves, panel.moves_any);
   if (!panel.answers.fits(n)) panel.answers.resize(n);
-  panel.answered = false;
 }
 
 // Sets the twists of links by the unknowns from `column` on.
