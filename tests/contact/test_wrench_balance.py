@@ -165,27 +165,41 @@ def windlass(client, radius, driven):
 @pytest.mark.parametrize("integrator", ["implicit_euler", "bdf2"])
 @pytest.mark.parametrize("particles", [60, 120])
 @pytest.mark.parametrize("driven", ["by motor", "by hand"])
-def test_a_windlass_bears_the_torque_of_what_it_winds_up(make_world, client, driven, particles, integrator):
+@pytest.mark.parametrize("apart", [0.0, 3e-4], ids=["flush", "apart"])
+@pytest.mark.parametrize("load", ["weight", "force"])
+def test_a_windlass_bears_the_torque_of_what_it_winds_up(
+    make_world, client, load, apart, driven, particles, integrator
+):
     """All that turns the tendon and the weight about the axis is gravity and the drum.
 
-    Beside its attachment the tendon is levered off the drum: both press by 30 N, and turn it by nothing.
+    Beside its attachment, at its surface or `apart` from it [m], the tendon is levered off the drum: both
+    press, and turn it by nothing.
     """
     dt, radius, mass, r = 1 / 240, 0.024, 0.2, 0.0015
     world = make_world(dt, (0, 0, -G), sleep=False, integrator=integrator)
     drum, link = windlass(client, radius, driven)
     world.add_obstacle(drum, link, friction=1.0)
     law = bt.Material(stiffness=100 * mass * G, damping=2 * mass * G, friction=0.5, density=300)
-    line = [(radius + r, 0, 0), (radius + r, 0, -20 * radius)]
+    line = [(radius + r + apart, 0, 0), (radius + r, 0, -20 * radius)]
     t = world.add_tendon(line, r, law, particles)
-    weight = p.createMultiBody(mass, basePosition=line[1], physicsClientId=client)
-    p.changeDynamics(weight, -1, linearDamping=0, physicsClientId=client)
-    t.attach(0, drum, link, line[0]), t.attach(-1, weight)
-    world.relax(bodies=[weight])
+    t.attach(0, drum, link, line[0])
+    if load == "weight":
+        weight = p.createMultiBody(mass, basePosition=line[1], physicsClientId=client)
+        p.changeDynamics(weight, -1, linearDamping=0, physicsClientId=client)
+        t.attach(-1, weight)
+        world.relax(bodies=[weight])
+    else:
+        t.set_force(-1, [0, 0, -mass * G])
+        world.relax()
 
     def place():
+        if load == "force":
+            return t.positions[-1]
         return np.array(p.getBasePositionAndOrientation(weight, client)[0])
 
     def turning():
+        if load == "force":
+            return momentum(t)[4]
         velocity = np.array(p.getBaseVelocity(weight, client)[0])
         return momentum(t)[4] + mass * np.cross(place(), velocity)[1]
 

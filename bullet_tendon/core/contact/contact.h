@@ -166,6 +166,8 @@ struct Contact {
   // through the centre that moves with the body. Planes stay as they were detected.
   bool turns() const { return key.kind == ContactKind::mouth || key.kind == ContactKind::bore; }
   // Turns such a surface from where it is foreseen to be, and the bend of the segment with it. With a bend
+  // A force without friction passes through the centre of a round surface, wherever it acts.
+  bool acts_at_centre() const { return is_round() && friction.coefficient == 0; }
   // that did not turn, what turns the tendon and the surface alike would change the gap.
   void turn(const Rot3& by);
   // Whether the contact point slides along its segment.

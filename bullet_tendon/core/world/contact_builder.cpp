@@ -573,8 +573,7 @@ void World::set_arm(Contact& contact) const {
   contact.at_start = link.jacobian.empty() && !far && !link.attachment_arms.at_end && !step_.whole;
   Vec3 end = contact.a.of(contact.at_start ? c.x : c.predicted);
   const Vec3 centre = contact.at_start ? link.centre : link.centre + link.foreseen.all.linear;
-  // A force without friction passes through the centre of a round surface, wherever it acts.
-  if (contact.is_round() && contact.friction.coefficient == 0) end = contact.geometry.rim.centre;
+  if (contact.acts_at_centre()) end = contact.geometry.rim.centre;
   contact.arm = end - centre;
   contact.rim_arm = contact.geometry.rim.centre - centre;
   if (!far) return;

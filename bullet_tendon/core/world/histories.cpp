@@ -211,10 +211,13 @@ bool World::restart_jolted() {
   return any;
 }
 
+// Whether a force on a tendon gives a part in the next step.
+bool World::gives_twice(const Tendon& c) const { return c.coupled && c.h_eff != step_.context.dt; }
+
 // What a force of this mean gives in the substep to what it acts on [N], if it gave `last` in the last step
 // (bodies/body_history.h).
 Vec3 World::given(const Tendon& c, Vec3 mean, Vec3 last) const {
-  if (!c.coupled || c.h_eff == step_.context.dt) return mean;
+  if (!gives_twice(c)) return mean;
   return kTwoStepShare * mean + (1 - kTwoStepShare) * c.steady_share * last;
 }
 

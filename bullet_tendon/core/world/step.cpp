@@ -325,15 +325,25 @@ void World::measure_wrenches() {
     if (link.iterate.turned.far)
       link.history.excess_now += cross(link.now(arm), end) - link.torque_of(end, arm);
   };
+  // Means over the last steps point as forces did half a step earlier, and what they give half a step before
+  // that. Links whose forces move nothing bear them there (bodies/body_history.h).
+  auto borne_at = [&](const Link& link, const Tendon& c, Vec3 start, Vec3 end) {
+    if (link.yields() || c.h_eff == step_.context.dt) return end;
+    return gives_twice(c) ? start : 0.5 * (start + end);
+  };
   for (Contact& contact : contacts_.all) {
-    contact.force.given = given(*step_.slots[contact.a.tendon], contact.force.mean, contact.force.last_given);
-    if (contact.link >= 0)
-      push(scene.links[contact.link], -contact.force.given, -contact.force.total, contact.arm);
+    const Tendon& c = *step_.slots[contact.a.tendon];
+    contact.force.given = given(c, contact.force.mean, contact.force.last_given);
+    if (contact.link < 0) continue;
+    Link& link = scene.links[contact.link];
+    const Vec3 start = contact.acts_at_centre() ? contact.arm : contact.a.of(c.x) - link.centre;
+    push(link, -contact.force.given, -contact.force.total, borne_at(link, c, start, contact.arm));
   }
   each_anchor(step_.slots, [&](const Tendon& c, const Anchor& h) {
     if (h.link < 0) return;
     Link& link = scene.links[h.link];
-    push(link, given(c, h.force.mean, h.force.of_step), h.force.total, link.held_arm_of(h.local));
+    const Vec3 arm = borne_at(link, c, link.arm_of(h.local), link.held_arm_of(h.local));
+    push(link, given(c, h.force.mean, h.force.of_step), h.force.total, arm);
   });
   if (step_.whole) return;
   const double square = step_.substeps.end() * step_.substeps.step();

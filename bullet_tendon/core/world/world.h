@@ -383,6 +383,7 @@ class World {
   bool share_weights();
   // Ends the histories of tendons in contact whose velocities jump in this substep. true: there are some.
   bool restart_jolted();
+  bool gives_twice(const Tendon& c) const;
   Vec3 given(const Tendon& c, Vec3 mean, Vec3 last) const;
   Vec3 known_acceleration(const Tendon& c, int i) const;
   void begin_histories();
