@@ -59,6 +59,11 @@ inline bool operator<(const ContactKey& a, const ContactKey& b) {
 
 inline bool operator==(const ContactKey& a, const ContactKey& b) { return !(a < b) && !(b < a); }
 
+// Part of a segment [-].
+struct Stretch {
+  double from = 0, to = 1;
+};
+
 // The contact surface, and the gap to it.
 struct ContactGeometry {
   Vec3 normal;                 // n; of bores, mouths and pairs that follow, as last evaluated
@@ -84,6 +89,7 @@ struct ContactGeometry {
                                // start, turned as the rim [m]
   Vec3 foreseen_bend[2];       // mouth and bore: the same where the rim is as foreseen [m]
   Vec3 bulge;                  // mouth and bore: of the segment at the contact point, as last evaluated [m]
+  Stretch slides;              // round surface: where the contact point of the segment may be [-]
   Vec3 point_shift;            // from the first contact point to the present one, at the start [m]
   // Contacts whose points slide along their segments: each term adds share l l^T to the block, with l over
   // the ends of a, then of b. l = sliding_term [-], share = sliding_share [N/m].
@@ -160,20 +166,22 @@ struct Contact {
   void evaluate(Vec3 relative, bool at_position, bool definite = true);
   // Whether the surface is round, and the contact point that of a segment which is nearest to it.
   bool is_round() const { return key.kind == ContactKind::bone && geometry.rim.radius > 0; }
+  // A force without friction passes through the centre of a round surface, wherever it acts.
+  bool acts_at_centre() const { return is_round() && friction.coefficient == 0; }
   // Whether the gap is that of a curved surface, else of a plane.
   bool is_curved() const { return key.kind == ContactKind::bore || follows(); }
   // Whether the surface turns with its body in a solution. A round one need not, because its normal leads
   // through the centre that moves with the body. Planes stay as they were detected.
   bool turns() const { return key.kind == ContactKind::mouth || key.kind == ContactKind::bore; }
   // Turns such a surface from where it is foreseen to be, and the bend of the segment with it. With a bend
-  // A force without friction passes through the centre of a round surface, wherever it acts.
-  bool acts_at_centre() const { return is_round() && friction.coefficient == 0; }
   // that did not turn, what turns the tendon and the surface alike would change the gap.
   void turn(const Rot3& by);
   // Whether the contact point slides along its segment.
   bool follows() const { return key.kind == ContactKind::mouth || is_round(); }
   // From the body's centre of mass to the surface. The arm of a force without friction leads to the axis.
   Vec3 touched_arm() const { return is_round() ? rim_arm + geometry.rim.radius * geometry.normal : arm; }
+  // Puts the contact point to the parameter u of its segment, or as near as it may be.
+  void slide_to(double u);
   // Finds the point of the segment start-end nearest to the edge or the round surface, from the last one.
   void follow(Vec3 start, Vec3 end);
   // Sets the sliding term that the motion of this point along the segment adds to the block

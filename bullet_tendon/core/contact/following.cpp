@@ -53,25 +53,29 @@ void Contact::turn(const Rot3& by) {
   geometry.bulge = bent(geometry, {}, {}).bulge(a.w1);
 }
 
+void Contact::slide_to(double u) {
+  a.w1 = std::min(std::max(u, geometry.slides.from), geometry.slides.to);
+  a.w0 = 1 - a.w1;
+}
+
 void Contact::follow(Vec3 start, Vec3 end) {
   if (is_round()) {
     const Vec3 l = without(end - start, geometry.rim.axis);
     const double square = dot(l, l);
-    if (square > 0) a.w1 = std::min(std::max(dot(geometry.rim.centre - start, l) / square, 0.0), 1.0);
+    if (square > 0) slide_to(dot(geometry.rim.centre - start, l) / square);
   } else {
     const BentSegment segment = bent(geometry, start, end);
-    a.w1 = slide_to_rim(segment, a.w1, geometry.rim, geometry.edge);
+    slide_to(slide_to_rim(segment, a.w1, geometry.rim, geometry.edge));
     geometry.bulge = segment.bulge(a.w1);
     geometry.beyond_edge = geometry.threads_mouth && passes_beyond(geometry.rim, start, end);
   }
-  a.w0 = 1 - a.w1;
   geometry.point_shift = (a.w1 - friction.anchored_at) * friction.along_start;
 }
 
 void Contact::add_sliding_term(Vec3 start, Vec3 end, bool definite) {
   geometry.sliding_terms = 0;
   const double u = a.w1;
-  if (!follows() || !normal_force.pressed || u <= 0 || u >= 1) return;
+  if (!follows() || !normal_force.pressed || u <= geometry.slides.from || u >= geometry.slides.to) return;
   const BentSegment segment = bent(geometry, start, end);
   const Vec3 l = segment.tangent(u);
   const double kept = geometry.gap;

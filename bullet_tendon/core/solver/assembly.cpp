@@ -17,9 +17,6 @@ namespace {
 // Larger: slack tendons are too stiff in the matrix, and more iterations are needed.
 constexpr double kFloorShare = 1e-2;
 
-// Smallest weight of a free particle for a contact on a segment whose other end is anchored rigidly [-].
-constexpr double kLeastEndWeight = 0.25;
-
 // Residual of one tendon at tendon.x_new: inertia, springs, bending and soft anchors. Returns the largest
 // force [N].
 double tendon_residual(Tendon& c) {

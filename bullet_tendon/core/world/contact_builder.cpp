@@ -591,7 +591,7 @@ bool World::is_contradicted(const Contact& contact) const {
     if (!anchor) continue;
     Contact at_hold = contact;
     at_hold.evaluate(anchor->target.aim, true);
-    if (at_hold.geometry.gap < 0 && !is_beside(*anchor, contact)) return true;
+    if (at_hold.geometry.gap < 0 && !at_hold.is_closed() && !is_beside(*anchor, contact)) return true;
   }
   return false;
 }
@@ -719,11 +719,27 @@ void World::bone_contact(const SegmentPoint& spot, const ContactKey& key, const 
   Contact contact;
   contact.key = key;
   contact.a = spot;
-  const double kept = distance_to_keep(spot, key) + options.contact_threshold;
+  const Vec3 segment = c.x.at(spot.first + 1) - c.x.at(spot.first);
+  const bool round = surface.radius > 0 && is_across(surface, segment, c.radius);
+  if (round && key.feature >= c.n()) keep_from_anchors(contact, c, shape.link);
+  const double kept = distance_to_keep(contact.a, key) + options.contact_threshold;
   contact.geometry.normal = surface.normal;
   contact.geometry.offset = dot(surface.normal, surface.point) + kept;
-  const Vec3 segment = c.x.at(spot.first + 1) - c.x.at(spot.first);
-  if (surface.radius > 0 && is_across(surface, segment, c.radius))
+// The point of a segment that is anchored to what it touches stays away from the anchor. At the anchor the
+// distance is given, so that the nearer to it the point slid, the larger the force would be that turns the
+// segment about it, without limit where the anchor is at the surface.
+void World::keep_from_anchors(Contact& contact, const Tendon& c, int link) const {
+  auto anchored = [&](int particle) {
+    const Anchor* anchor = fixed_anchor(c, particle);
+    return anchor && keep_distance(*anchor, link, scene.links);
+  };
+  Stretch& slides = contact.geometry.slides;
+  if (anchored(contact.a.first)) slides.from = kLeastEndWeight;
+  if (anchored(contact.a.first + 1)) slides.to = 1 - kLeastEndWeight;
+  contact.slide_to(contact.a.w1);
+}
+
+  if (round)
     contact.geometry.rim =
         rim_of(surface.point - surface.radius * surface.normal, surface.axis, surface.radius + kept, {});
   contact.geometry.margin = kept - c.radius;
