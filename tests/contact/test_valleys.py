@@ -97,3 +97,27 @@ def test_a_taut_tendon_rests_on_the_ridges_of_a_groove(make_world, client, rows,
     np.testing.assert_allclose(t.positions, before, atol=2e-5)
     on_it = np.abs(before[:, 0]) < 0.03
     assert np.abs(before[on_it, 1]).max() < 1e-5
+
+
+@pytest.mark.parametrize("dt", [1 / 240, 1 / 87], ids=lambda dt: f"1/{round(1 / dt)}")
+@pytest.mark.parametrize("particles", [30, 45])
+@pytest.mark.parametrize(("rows", "columns"), [(15, 15), (9, 15), (21, 21)], ids=str)
+def test_a_taut_tendon_in_a_shallow_groove_rests(make_world, client, rows, columns, particles, dt):
+    """It slides to the bottom of the groove and stays: it does not fall from side to side of it."""
+    world = make_world(dt, (0, 0, 0))
+    along, across = np.linspace(-1, 1, rows), np.linspace(-1, 1, columns)
+    vertices = [[0.0425 * a, 0.02 * b, -0.0245 * a * a + 0.0067 * b * b] for a in along for b in across]
+    k = np.arange((rows - 1) * columns).reshape(rows - 1, columns)[:, :-1].ravel()
+    faces = np.concatenate([np.c_[k, k + columns, k + 1], np.c_[k + 1, k + columns, k + columns + 1]])
+    mesh_obstacle(world, client, vertices, faces, friction=1.0)
+    a = np.linspace(-1.2, 1.2, 41)
+    line = np.c_[0.0425 * a, 0 * a + 1e-4, -0.0245 * a * a + 0.0025]
+    t = world.add_tendon(line, 0.001, bt.Material(stiffness=3e3, damping=8.0, friction=0.0), particles)
+    t.set_force(0, [-91.0, 0, -127.0])
+    t.grip(-1)
+    world.step(100)
+    for _ in range(20):
+        before = t.positions
+        world.step()
+        np.testing.assert_allclose(t.positions, before, atol=2e-6)
+        assert world.report.iterations <= 4

@@ -18,7 +18,7 @@ constexpr size_t kMostNearby = 64;
 // Least height of a point over the tangent plane of another, over their distance from the feature, from which
 // the surface between them is a valley [-]. Larger: flat valleys have one side at a time, between which what
 // slides changes. Smaller: more contacts on rough surfaces.
-constexpr double kValley = 1e-3;
+constexpr double kValley = 1e-4;
 
 Box box_of(const Triangle& t) {
   Box box;
@@ -137,32 +137,83 @@ Nearest Surface::search(Vec3 a, Vec3 b, double within) const {
   return best.distance <= kRoundingShare * size_ ? Nearest{} : best;
 }
 
-Nearest Surface::across_valley(const std::vector<Nearby>& listed, Vec3 a, Vec3 b, Vec3 on, Vec3 out,
-                               double reach) const {
+namespace {
+
+// An edge of a triangle, and the corner that is not on it.
+struct Edge {
+  Vec3 from, to, third;
+  Vec3 along() const { return unit_or(to - from, {}); }
+  // In the plane of the triangle, out of it.
+  Vec3 away() const { return unit_or(without(from - third, along()), {}); }
+};
+
+// The edges of a triangle that a point of it is on.
+template <class Do>
+void each_edge_at(const Triangle& t, Vec3 point, double rounding, Do what) {
+  const Vec3 corners[] = {t.a, t.b, t.c};
+  for (int k = 0; k < 3; ++k) {
+    const Edge edge{corners[k], corners[(k + 1) % 3], corners[(k + 2) % 3]};
+    if (norm(without(point - edge.from, edge.along())) <= rounding) what(edge);
+  }
+}
+
+bool has_edge(const Triangle& t, const Edge& edge, double rounding) {
+  const Vec3 middle = 0.5 * (edge.from + edge.to), normal = cross(t.b - t.a, t.c - t.a);
+  if (std::fabs(dot(normal, middle - t.a)) > rounding * norm(normal)) return false;  // is decided soonest
+  return nearest_of(t, middle, middle).distance <= rounding;
+}
+
+}  // namespace
+
+// At a concave edge the surface goes on upwards. There its plane leans no farther than the triangle does,
+// wherever the feature is: beyond the edge it is above both triangles.
+Slope Surface::slope_at(const std::vector<Nearby>& listed, int triangle, const Nearest& at, Vec3 out, Vec3 a,
+                        Vec3 b) const {
+  const double rounding = kRoundingShare * size_;
+  const Triangle& t = triangles_[triangle];
+  Vec3 face = unit_or(cross(t.b - t.a, t.c - t.a), {});
+  if (dot(face, out) < 0) face = -face;
+  Slope slope{out, false, false};
+  each_edge_at(t, at.point, rounding, [&](const Edge& edge) {
+    const Vec3 away = edge.away();
+    for (const Nearby& near : listed) {
+      const Triangle& other = triangles_[near.triangle];
+      if (near.triangle == triangle || !has_edge(other, edge, rounding)) continue;
+      auto height = [&](Vec3 p) { return dot(p - edge.from, face); };
+      if (std::max({height(other.a), height(other.b), height(other.c)}) <= rounding) {
+        slope.leads_on |= nearest_of(other, a, b).distance < at.distance - rounding;
+      } else if (dot(slope.normal, away) > 0) {
+        slope.normal = unit_or(without(slope.normal, away), face);
+        slope.concave = true;
+      }
+    }
+  });
+  return slope;
+}
+
+ValleySide Surface::across_valley(const std::vector<Nearby>& listed, Vec3 a, Vec3 b, Vec3 on, Vec3 out,
+                                  double reach) const {
   const Vec3 up = unit_or(out, {});
   const double least = kValley * norm(out), rounding = kRoundingShare * size_;
   auto height = [&](Vec3 p) { return dot(p - on, up); };
-  // Whether the surface goes on from the border of a triangle to one that is nearer, so that the border has
-  // no tangent plane. A particle keeps that plane all the same: it can be thrown over the border in one step.
-  // The interior of a segment would be pushed aside by it.
-  auto leads_on = [&](const Nearest& at) {
-    return std::any_of(listed.begin(), listed.end(), [&](const Nearby& near) {
-      const Triangle& t = triangles_[near.triangle];
-      return nearest_of(t, at.point, at.point).distance <= rounding &&
-             nearest_of(t, a, b).distance < at.distance - rounding;
-    });
-  };
   const bool segment = norm(b - a) > 0;
-  Nearest best{2 * reach, 0, {}};
+  ValleySide best{{2 * reach, 0, {}}, {}};
   for (const Nearby& near : listed) {
     const Triangle& t = triangles_[near.triangle];
     if (std::max({height(t.a), height(t.b), height(t.c)}) <= least) continue;
     const Nearest found = nearest_of(t, a, b);
-    if (found.distance > reach || found.distance >= best.distance) continue;
-    // Each point is above the tangent plane of the other: the surface is concave between them.
+    if (found.distance > reach || found.distance >= best.nearest.distance) continue;
+    if (height(found.point) <= -rounding) continue;
     const Vec3 there = unit_or((1 - found.u) * a + found.u * b - found.point, {});
-    if (height(found.point) <= least || dot(on - found.point, there) <= least) continue;
-    if (!segment || !leads_on(found)) best = found;
+    const Slope slope = slope_at(listed, near.triangle, found, there, a, b);
+    // Each point above the tangent plane of the other: the surface is concave between them. The point at a
+    // concave edge can be on both sides.
+    if (height(found.point) <= (slope.concave ? -rounding : least)) continue;
+    if (dot(on - found.point, slope.normal) <= least) continue;
+    // Where the surface goes on to a nearer triangle, the edge has no tangent plane. A particle keeps that
+    // plane all the same: it can be thrown over the edge in one step. The interior of a segment would be
+    // pushed aside by it.
+    if (!segment || !slope.leads_on) best = {found, slope.normal};
   }
   return best;
 }

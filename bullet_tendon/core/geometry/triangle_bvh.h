@@ -39,6 +39,19 @@ struct Nearest {
 // Of the triangle, to a segment a-b that does not cross it; a = b is a point.
 Nearest nearest_of(const Triangle& t, Vec3 a, Vec3 b);
 
+// How the surface goes on at the point of a triangle that is nearest to a feature.
+struct Slope {
+  Vec3 normal;            // of the plane that the feature stays above
+  bool concave = false;   // the point is at an edge that is concave
+  bool leads_on = false;  // it is at an edge where the surface goes on to a triangle that is nearer
+};
+
+// A side of a valley: its nearest point, and the normal of the plane that the feature stays above.
+struct ValleySide {
+  Nearest nearest;
+  Vec3 normal;
+};
+
 class Surface {
  public:
   explicit Surface(const std::vector<Triangle>& triangles);
@@ -53,8 +66,8 @@ class Surface {
   // The nearest point of those listed, within reach of the segment a-b, on another side of a valley of the
   // surface. One side has the point `on`, and `out` leads from it to the point that it is nearest to. A
   // distance beyond reach: there is none.
-  Nearest across_valley(const std::vector<Nearby>& listed, Vec3 a, Vec3 b, Vec3 on, Vec3 out,
-                        double reach) const;
+  ValleySide across_valley(const std::vector<Nearby>& listed, Vec3 a, Vec3 b, Vec3 on, Vec3 out,
+                           double reach) const;
   // Whether the way from one point to another leads through the surface.
   bool is_between(Vec3 from, Vec3 to) const;
   // In no order.
@@ -65,6 +78,9 @@ class Surface {
  private:
   // The nearest point of triangle k, at the distance 0 where the segment crosses it.
   Nearest measure(int k, Vec3 a, Vec3 b) const;
+  // `out`: from that point to the feature a-b.
+  Slope slope_at(const std::vector<Nearby>& listed, int triangle, const Nearest& at, Vec3 out, Vec3 a,
+                 Vec3 b) const;
   void list_triangle(int k, Vec3 a, Vec3 b, double& reach, std::vector<Nearby>& out) const;
   std::vector<Triangle> triangles_;  // in the order of the tree
   BoxTree tree_;

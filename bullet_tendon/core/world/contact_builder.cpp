@@ -162,26 +162,34 @@ struct SegmentOver {
     return {foot, unit_or(x - foot, near.now.normal), u};
   }
 
-  // How far from u towards one of its ends the surface leans to it by as much, and no more than `most` more.
-  double end_towards(double end, double u, double leans, double most) const {
-    auto goes_on = [&](double at) { return std::fabs(lean(below(at).normal) - leans) < most; };
-    if (goes_on(end)) return end;
+  // Whether the surface leans to the segment at u by as much.
+  bool goes_on(double u, double leans) const {
+    return u >= 0 && u <= 1 && std::fabs(lean(below(u).normal) - leans) < kEdge;
+  }
+
+  // How far from u towards one of its ends the surface leans to it by as much.
+  double end_towards(double end, double u, double leans) const {
+    if (goes_on(end, leans)) return end;
     for (int i = 0; i < kBisections; ++i) {
       const double between = 0.5 * (u + end);
-      (goes_on(between) ? u : end) = between;
+      (goes_on(between, leans) ? u : end) = between;
     }
     return u;
   }
 
-  // The planes at the ends of the part that lies along the surface, if one does. The nearest point can be at
-  // an edge.
-  std::optional<std::pair<Plane, Plane>> ends() const {
-    const double u = near.now.u;
-    const double middle = 0.5 * (end_towards(0, u, 0, kAlong) + end_towards(1, u, 0, kAlong));
-    const double leans = lean(below(middle).normal);
-    if (std::fabs(leans) >= kAlong) return {};
-    auto edge = [&](double end) { return below(end_towards(end, middle, leans, kEdge)); };
-    return std::pair{edge(0), edge(1)};
+  // The planes at the ends of the part that lies along the surface, if one does that is longer than
+  // `shortest` [-]. The nearest point can be at its edge: half of that aside, on one side or on the other, is
+  // within the part. There the same holds, so that few points tell that there is none.
+  std::optional<std::pair<Plane, Plane>> ends(double shortest) const {
+    const double half = 0.5 * shortest;
+    for (const double u : {near.now.u - half, near.now.u + half}) {
+      if (u < 0 || u > 1) continue;
+      const double leans = lean(below(u).normal);
+      if (std::fabs(leans) >= kAlong || !(goes_on(u - half, leans) || goes_on(u + half, leans))) continue;
+      const double from = end_towards(0, u, leans), to = end_towards(1, u, leans);
+      if (to - from > shortest) return std::pair{below(from), below(to)};
+    }
+    return {};
   }
 
   // Whether the part between two planes turns around a round surface.
@@ -216,11 +224,10 @@ std::vector<Plane> ends_along(NearCache& cache, const Shape& shape, const Surfac
   const SegmentOver over{shape, surface, e, a, b, unit_or(b - a, {})};
   if (is_held_by_particles(cache, over, k, c.n())) return {};
   if (!shape.primitive) list_within_reach(e, cache.local[k], cache.local[k + 1], *surface);
-  const auto ends = over.ends();
+  const double length = norm(b - a);
+  const auto ends = over.ends(kShortest * c.radius / length);
   if (!ends) return {};
   const auto& [from, to] = *ends;
-  const double length = norm(b - a);
-  if ((to.u - from.u) * length <= kShortest * c.radius) return {};
   const bool between = std::min(e.now.u - from.u, to.u - e.now.u) * length > c.radius;
   if (between && over.turns(from, to, c.radius)) return {};
   std::vector<Plane> inside;
@@ -261,12 +268,12 @@ std::optional<Plane> across_valley(NearCache& cache, int feature, const Surface*
   auto across = [&](Vec3 from, Vec3 to) {
     return surface->across_valley(e.nearby, from, to, e.now.point, out, e.reach);
   };
-  const Nearest side = across(a, b);
-  if (side.distance > e.reach) return {};
-  const double at_ends = side.distance + kNoBulge * radius;
-  if (segment && (across(a, a).distance <= at_ends || across(b, b).distance <= at_ends)) return {};
-  const Vec3 x = (1 - side.u) * a + side.u * b;
-  return Plane{side.point, (1 / side.distance) * (x - side.point), side.u};
+  const ValleySide side = across(a, b);
+  if (side.nearest.distance > e.reach) return {};
+  const double at_ends = side.nearest.distance + kNoBulge * radius;
+  if (segment && (across(a, a).nearest.distance <= at_ends || across(b, b).nearest.distance <= at_ends))
+    return {};
+  return Plane{side.nearest.point, side.normal, side.nearest.u};
 }
 
 // Greatest predicted motion of a particle in the substep [m].
@@ -689,20 +696,23 @@ void World::bone_contacts(int tendon, int s) {
     const Entry& e = entries[f];
     if (!e.wanted) continue;
     const bool segment = f >= n;
+    const bool touches =
+        !segment || bulges(cache, n, f - n, c.radius) || will_bulge(cache, shape, c, f - n, end);
+    const auto other = touches ? across_valley(cache, f, surface, c.radius) : std::nullopt;
     const std::vector<Plane> ends =
-        segment && link.yields() ? ends_along(cache, shape, surface, c, f - n, end) : std::vector<Plane>{};
+        segment && !other ? ends_along(cache, shape, surface, c, f - n, end) : std::vector<Plane>{};
     for (int side = 0; side < static_cast<int>(ends.size()); ++side)
       bone_contact({tendon, f - n, 1 - ends[side].u, ends[side].u},
                    {ContactKind::bone, tendon, f, s, 0, side},
                    in_world({ends[side].point, ends[side].normal}, end));
     if (!ends.empty()) continue;
-    if (segment && !bulges(cache, n, f - n, c.radius) && !will_bulge(cache, shape, c, f - n, end)) continue;
+    if (!touches) continue;
     const SegmentPoint spot =
         segment ? SegmentPoint{tendon, f - n, 1 - e.now.u, e.now.u} : particle_of(c, tendon, f);
     const Vec3 ahead = to_local(end, spot.of(c.predicted));
     const Tangent beside = in_world(tangent_of(cache, shape, f, ahead), end);
     ContactKey key{ContactKind::bone, tendon, f, s};
-    if (const auto other = across_valley(cache, f, surface, c.radius)) {
+    if (other) {
       const Tangent side = in_world({other->point, other->normal}, end);
       ContactKey across = key;
       (last_faced(key, side.normal, beside.normal) ? key : across).end = 1;
@@ -710,6 +720,20 @@ void World::bone_contacts(int tendon, int s) {
     }
     bone_contact(spot, key, beside);
   }
+}
+
+// The point of a segment that is anchored to what it touches stays away from the anchor. At the anchor the
+// distance is given, so that the nearer to it the point slid, the larger the force would be that turns the
+// segment about it, without limit where the anchor is at the surface.
+void World::keep_from_anchors(Contact& contact, const Tendon& c, int link) const {
+  auto anchored = [&](int particle) {
+    const Anchor* anchor = fixed_anchor(c, particle);
+    return anchor && keep_distance(*anchor, link, scene.links);
+  };
+  Stretch& slides = contact.geometry.slides;
+  if (anchored(contact.a.first)) slides.from = kLeastEndWeight;
+  if (anchored(contact.a.first + 1)) slides.to = 1 - kLeastEndWeight;
+  contact.slide_to(contact.a.w1);
 }
 
 // With a plane or a round surface, given where it is foreseen to be at the end of the substep.
@@ -725,20 +749,6 @@ void World::bone_contact(const SegmentPoint& spot, const ContactKey& key, const 
   const double kept = distance_to_keep(contact.a, key) + options.contact_threshold;
   contact.geometry.normal = surface.normal;
   contact.geometry.offset = dot(surface.normal, surface.point) + kept;
-// The point of a segment that is anchored to what it touches stays away from the anchor. At the anchor the
-// distance is given, so that the nearer to it the point slid, the larger the force would be that turns the
-// segment about it, without limit where the anchor is at the surface.
-void World::keep_from_anchors(Contact& contact, const Tendon& c, int link) const {
-  auto anchored = [&](int particle) {
-    const Anchor* anchor = fixed_anchor(c, particle);
-    return anchor && keep_distance(*anchor, link, scene.links);
-  };
-  Stretch& slides = contact.geometry.slides;
-  if (anchored(contact.a.first)) slides.from = kLeastEndWeight;
-  if (anchored(contact.a.first + 1)) slides.to = 1 - kLeastEndWeight;
-  contact.slide_to(contact.a.w1);
-}
-
   if (round)
     contact.geometry.rim =
         rim_of(surface.point - surface.radius * surface.normal, surface.axis, surface.radius + kept, {});
