@@ -198,11 +198,12 @@ ValleySide Surface::across_valley(const std::vector<Nearby>& listed, Vec3 a, Vec
   auto height = [&](Vec3 p) { return dot(p - on, up); };
   const bool segment = norm(b - a) > 0;
   ValleySide best{{2 * reach, 0, {}}, {}};
+  double rise = 1;  // sine of the way to the feature over the best plane
   for (const Nearby& near : listed) {
     const Triangle& t = triangles_[near.triangle];
     if (std::max({height(t.a), height(t.b), height(t.c)}) <= least) continue;
     const Nearest found = nearest_of(t, a, b);
-    if (found.distance > reach || found.distance >= best.nearest.distance) continue;
+    if (found.distance > reach || found.distance > best.nearest.distance + rounding) continue;
     if (height(found.point) <= -rounding) continue;
     const Vec3 there = unit_or((1 - found.u) * a + found.u * b - found.point, {});
     const Slope slope = slope_at(listed, near.triangle, found, there, a, b);
@@ -213,7 +214,13 @@ ValleySide Surface::across_valley(const std::vector<Nearby>& listed, Vec3 a, Vec
     // Where the surface goes on to a nearer triangle, the edge has no tangent plane. A particle keeps that
     // plane all the same: it can be thrown over the edge in one step. The interior of a segment would be
     // pushed aside by it.
-    if (!segment || !slope.leads_on) best = {found, slope.normal};
+    if (segment && slope.leads_on) continue;
+    // At a corner several triangles have the same point. The plane that the feature is least above counts.
+    const bool nearer = found.distance < best.nearest.distance - rounding;
+    if (nearer || dot(there, slope.normal) < rise) {
+      best = {found, slope.normal};
+      rise = dot(there, slope.normal);
+    }
   }
   return best;
 }
