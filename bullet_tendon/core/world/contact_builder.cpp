@@ -254,23 +254,21 @@ bool will_bulge(const NearCache& cache, const Shape& shape, const Tendon& c, int
   return at > 0 && at < dot(across, across);
 }
 
-// The plane of the other side, within reach, if a feature is in a valley of a mesh. With one side at a time,
-// it would change sides from step to step, and sink between them. The interior of a segment has a plane of
-// its own there where it is nearer to that side than its ends are.
-std::optional<Plane> across_valley(NearCache& cache, int feature, const Surface* surface, double radius) {
-  Entry& e = cache.entries[feature];
-  const int n = static_cast<int>(cache.local.size());
-  const bool segment = feature >= n;
-  const Vec3 a = cache.local[segment ? feature - n : feature], b = segment ? cache.local[feature - n + 1] : a;
-  const Vec3 out = (1 - e.now.u) * a + e.now.u * b - e.now.point;
+// The plane of the other side, within reach, if a particle or a segment a-b (shape frame) is in a valley of a
+// mesh; `here`: the plane of the side that is nearest. With one side at a time, it would change sides from
+// step to step, and sink between them. The interior of a segment has a plane of its own there where it is
+// nearer to that side than its ends are.
+std::optional<Plane> across_valley(const Entry& e, const Surface* surface, Vec3 a, Vec3 b, const Plane& here,
+                                   double radius) {
+  const Vec3 out = (1 - here.u) * a + here.u * b - here.point;
   if (!surface || e.inside || norm(out) == 0) return {};
-  list_within_reach(e, a, b, *surface);
   auto across = [&](Vec3 from, Vec3 to) {
-    return surface->across_valley(e.nearby, from, to, e.now.point, out, e.reach);
+    return surface->across_valley(e.nearby, from, to, here.point, out, e.reach);
   };
   const ValleySide side = across(a, b);
   if (side.nearest.distance > e.reach) return {};
   const double at_ends = side.nearest.distance + kNoBulge * radius;
+  const bool segment = norm(b - a) > 0;
   if (segment && (across(a, a).nearest.distance <= at_ends || across(b, b).nearest.distance <= at_ends))
     return {};
   return Plane{side.nearest.point, side.normal, side.nearest.u};
@@ -687,39 +685,51 @@ void World::bone_contacts(int tendon, int s) {
   const Shape& shape = *scene.shapes[s];
   const Link& link = scene.links[shape.link];
   NearCache& cache = detection_.caches[tendon][s];
-  const std::vector<Entry>& entries = cache.entries;
+  std::vector<Entry>& entries = cache.entries;
   if (std::none_of(entries.begin(), entries.end(), [](const Entry& e) { return e.wanted; })) return;
   const Pose end = foreseen_pose(in_world(shape, link), link);
   const Surface* surface = surface_for(c, s);
   const int n = c.n();
   for (int f = 0; f < static_cast<int>(entries.size()); ++f) {
-    const Entry& e = entries[f];
+    Entry& e = entries[f];
     if (!e.wanted) continue;
     const bool segment = f >= n;
-    const bool touches =
-        !segment || bulges(cache, n, f - n, c.radius) || will_bulge(cache, shape, c, f - n, end);
-    const auto other = touches ? across_valley(cache, f, surface, c.radius) : std::nullopt;
+    const ContactKey key{ContactKind::bone, tendon, f, s};
     const std::vector<Plane> ends =
-        segment && !other ? ends_along(cache, shape, surface, c, f - n, end) : std::vector<Plane>{};
-    for (int side = 0; side < static_cast<int>(ends.size()); ++side)
-      bone_contact({tendon, f - n, 1 - ends[side].u, ends[side].u},
-                   {ContactKind::bone, tendon, f, s, 0, side},
-                   in_world({ends[side].point, ends[side].normal}, end));
-    if (!ends.empty()) continue;
-    if (!touches) continue;
-    const SegmentPoint spot =
-        segment ? SegmentPoint{tendon, f - n, 1 - e.now.u, e.now.u} : particle_of(c, tendon, f);
-    const Vec3 ahead = to_local(end, spot.of(c.predicted));
-    const Tangent beside = in_world(tangent_of(cache, shape, f, ahead), end);
-    ContactKey key{ContactKind::bone, tendon, f, s};
-    if (other) {
-      const Tangent side = in_world({other->point, other->normal}, end);
-      ContactKey across = key;
-      (last_faced(key, side.normal, beside.normal) ? key : across).end = 1;
-      bone_contact(segment ? SegmentPoint{tendon, f - n, 1 - other->u, other->u} : spot, across, side);
+        segment ? ends_along(cache, shape, surface, c, f - n, end) : std::vector<Plane>{};
+    for (int k = 0; k < static_cast<int>(ends.size()); ++k) {
+      const SegmentPoint at{tendon, f - n, 1 - ends[k].u, ends[k].u};
+      const Vec3 ahead = to_local(end, at.of(c.predicted));
+      auto other = across_valley(e, surface, ahead, ahead, ends[k], c.radius);
+      if (other) other->u = ends[k].u;
+      const int first = 2 * (k + 1);
+      both_sides(at, key, first, in_world({ends[k].point, ends[k].normal}, end), other, end);
     }
-    bone_contact(spot, key, beside);
+    if (segment && !bulges(cache, n, f - n, c.radius) && !will_bulge(cache, shape, c, f - n, end)) continue;
+    const SegmentPoint at =
+        segment ? SegmentPoint{tendon, f - n, 1 - e.now.u, e.now.u} : particle_of(c, tendon, f);
+    const Vec3 from = cache.local[segment ? f - n : f], to = segment ? cache.local[f - n + 1] : from;
+    if (surface && !e.inside) list_within_reach(e, from, to, *surface);
+    const auto other = across_valley(e, surface, from, to, e.now, c.radius);
+    if (!ends.empty() && !other) continue;  // a valley holds a segment where it touches both sides
+    const Tangent beside = in_world(tangent_of(cache, shape, f, to_local(end, at.of(c.predicted))), end);
+    both_sides(at, key, 0, beside, other, end);
   }
+}
+
+// With the nearest side of a surface and, in a valley, with the other one. first: the end of the key of the
+// first of both.
+void World::both_sides(const SegmentPoint& at, ContactKey key, int first, const Tangent& beside,
+                       const std::optional<Plane>& other, const Pose& end) {
+  key.end = first;
+  if (other) {
+    const Tangent side = in_world({other->point, other->normal}, end);
+    ContactKey across = key;
+    (last_faced(key, side.normal, beside.normal) ? key : across).end = first + 1;
+    const bool segment = key.feature >= step_.slots[at.tendon]->n();
+    bone_contact(segment ? SegmentPoint{at.tendon, at.first, 1 - other->u, other->u} : at, across, side);
+  }
+  bone_contact(at, key, beside);
 }
 
 // The point of a segment that is anchored to what it touches stays away from the anchor. At the anchor the

@@ -428,6 +428,8 @@ class World {
   void keep_from_anchors(Contact& contact, const Tendon& c, int link) const;
   bool is_contradicted(const Contact& contact) const;
   bool is_beside(const Anchor& anchor, const Contact& contact) const;
+  void both_sides(const SegmentPoint& at, ContactKey key, int first, const Tangent& beside,
+                  const std::optional<Plane>& other, const Pose& end);
   void bone_contact(const SegmentPoint& spot, const ContactKey& key, const Tangent& surface);
   bool last_faced(const ContactKey& key, Vec3 one, Vec3 other) const;
   const ContactMemory* remembered(const ContactKey& key) const;
