@@ -18,17 +18,21 @@ def cube(half, at=(0, 0, 0)):
     return corners + at, np.vstack([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
 
 
-def mesh_obstacle(world, client, vertices, faces, friction=0.0):
-    """The body of a static obstacle of the triangles as they are."""
-    vertices, faces = np.asarray(vertices, float), np.asarray(faces)
-    shape = p.createCollisionShape(
+def triangles_shape(client, vertices, faces):
+    """A concave collision shape of the triangles as they are."""
+    return p.createCollisionShape(
         p.GEOM_MESH,
-        vertices=vertices.tolist(),
-        indices=faces.ravel().tolist(),
+        vertices=np.asarray(vertices).tolist(),
+        indices=np.ravel(faces).tolist(),
         flags=p.GEOM_FORCE_CONCAVE_TRIMESH,
         physicsClientId=client,
     )
-    body = p.createMultiBody(0, shape, physicsClientId=client)
+
+
+def mesh_obstacle(world, client, vertices, faces, friction=0.0):
+    """The body of a static obstacle of the triangles as they are."""
+    vertices, faces = np.asarray(vertices, float), np.asarray(faces)
+    body = p.createMultiBody(0, triangles_shape(client, vertices, faces), physicsClientId=client)
     world.add_obstacle(body, friction=friction, convex=False, meshes=[(vertices, faces)])
     return body
 
@@ -193,10 +197,13 @@ def block(client, mass, at=(0, 0, 0), half=(0.02, 0.03, 0.05), **dynamics):
     return body
 
 
-def links_on_joints(client, kind, masses, axes, shape=-1, places=((0, 0, 0),), centre=(0, 0, 0)):
+def links_on_joints(
+    client, kind, masses, axes, shape=-1, places=((0, 0, 0),), centre=(0, 0, 0), turned=(0, 0, 0, 1)
+):
     """A fixed base with a link of each mass [kg] on a joint of this kind, without damping.
 
-    places, axes: of the joints, one of each link. centre: of the links' masses, from their joints.
+    places, axes: of the joints, one of each link. centre: of the links' masses, from their joints. turned: of
+    each link in the last one's frame.
     """
     count = len(masses)
     body = p.createMultiBody(
@@ -204,7 +211,7 @@ def links_on_joints(client, kind, masses, axes, shape=-1, places=((0, 0, 0),), c
         linkCollisionShapeIndices=[shape] * count,
         linkVisualShapeIndices=[-1] * count,
         linkPositions=places,
-        linkOrientations=[(0, 0, 0, 1)] * count,
+        linkOrientations=[turned] * count,
         linkInertialFramePositions=[centre] * count,
         linkInertialFrameOrientations=[(0, 0, 0, 1)] * count,
         linkParentIndices=[0] * count,

@@ -3,6 +3,7 @@
 import numpy as np
 import pybullet as p
 import pytest
+from link_scenes import links_on_joints
 
 import bullet_tendon as bt
 
@@ -27,25 +28,9 @@ def drum(client, facets, motor):
     turned = p.getQuaternionFromEuler([np.pi / 2, 0, 0])
     if not motor:
         return p.createMultiBody(0, shape, -1, [0, 0, 0], turned, physicsClientId=client), -1
-    body = p.createMultiBody(
-        0,
-        -1,
-        -1,
-        linkMasses=[5],
-        linkCollisionShapeIndices=[shape],
-        linkVisualShapeIndices=[-1],
-        linkPositions=[[0, 0, 0]],
-        linkOrientations=[turned],
-        linkInertialFramePositions=[[0, 0, 0]],
-        linkInertialFrameOrientations=[[0, 0, 0, 1]],
-        linkParentIndices=[0],
-        linkJointTypes=[p.JOINT_REVOLUTE],
-        linkJointAxis=[[0, 0, 1]],
-        physicsClientId=client,
-    )
-    p.setJointMotorControl2(
-        body, 0, p.VELOCITY_CONTROL, targetVelocity=0, force=motor, physicsClientId=client
-    )
+    body = links_on_joints(client, p.JOINT_REVOLUTE, [5.0], [(0, 0, 1)], shape, turned=turned)
+    hold = {"targetVelocity": 0, "force": motor, "physicsClientId": client}
+    p.setJointMotorControl2(body, 0, p.VELOCITY_CONTROL, **hold)
     return body, 0
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pybullet as p
 import pytest
-from link_scenes import mesh_obstacle
+from link_scenes import links_on_joints, mesh_obstacle, triangles_shape
 
 import bullet_tendon as bt
 
@@ -46,31 +46,9 @@ def over_it(world, client, particles, friction, masses):
 def pulley(world, client, facets):
     """Its body; link 0 turns freely."""
     vertices, faces = grooved(facets)
-    shape = p.createCollisionShape(
-        p.GEOM_MESH,
-        vertices=vertices.tolist(),
-        indices=faces.ravel().tolist(),
-        flags=p.GEOM_FORCE_CONCAVE_TRIMESH,
-        physicsClientId=client,
-    )
-    body = p.createMultiBody(
-        0,
-        -1,
-        -1,
-        linkMasses=[0.2],
-        linkCollisionShapeIndices=[shape],
-        linkVisualShapeIndices=[-1],
-        linkPositions=[[0, 0, 0]],
-        linkOrientations=[[0, 0, 0, 1]],
-        linkInertialFramePositions=[[0, 0, 0]],
-        linkInertialFrameOrientations=[[0, 0, 0, 1]],
-        linkParentIndices=[0],
-        linkJointTypes=[p.JOINT_REVOLUTE],
-        linkJointAxis=[[0, 1, 0]],
-        physicsClientId=client,
-    )
-    undamped = {"linearDamping": 0, "angularDamping": 0, "jointDamping": 0}
-    p.changeDynamics(body, 0, localInertiaDiagonal=[INERTIA] * 3, **undamped, physicsClientId=client)
+    shape = triangles_shape(client, vertices, faces)
+    body = links_on_joints(client, p.JOINT_REVOLUTE, [0.2], [(0, 1, 0)], shape)
+    p.changeDynamics(body, 0, localInertiaDiagonal=[INERTIA] * 3, physicsClientId=client)
     p.setJointMotorControl2(body, 0, p.VELOCITY_CONTROL, force=0, physicsClientId=client)
     world.add_obstacle(body, 0, friction=1.0, convex=False, meshes=[(vertices, faces)])
     return body

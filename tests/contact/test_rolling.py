@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pybullet as p
 import pytest
+from link_scenes import links_on_joints
 
 import bullet_tendon as bt
 
@@ -16,22 +17,9 @@ ARM = WHEEL + R  # particles do not spin: friction acts on the centreline
 def wheel(client, mass):
     """A cylinder on a hinge along y, without damping or motor; returns its body."""
     shape = p.createCollisionShape(p.GEOM_CYLINDER, radius=WHEEL, height=0.02, physicsClientId=client)
-    body = p.createMultiBody(
-        linkMasses=[mass],
-        linkCollisionShapeIndices=[shape],
-        linkVisualShapeIndices=[-1],
-        linkPositions=[[0, 0, 0]],
-        linkOrientations=[p.getQuaternionFromEuler([math.pi / 2, 0, 0])],
-        linkInertialFramePositions=[[0, 0, 0]],
-        linkInertialFrameOrientations=[[0, 0, 0, 1]],
-        linkParentIndices=[0],
-        linkJointTypes=[p.JOINT_REVOLUTE],
-        linkJointAxis=[[0, 0, 1]],
-        physicsClientId=client,
-    )
+    turned = p.getQuaternionFromEuler([math.pi / 2, 0, 0])
+    body = links_on_joints(client, p.JOINT_REVOLUTE, [mass], [(0, 0, 1)], shape, turned=turned)
     p.setJointMotorControl2(body, 0, p.VELOCITY_CONTROL, force=0, physicsClientId=client)
-    still = {"linearDamping": 0, "angularDamping": 0, "jointDamping": 0}
-    p.changeDynamics(body, 0, **still, physicsClientId=client)
     return body
 
 
