@@ -48,9 +48,9 @@ struct ContactKey {
   int tendon = 0, feature = 0;  // bone: particle i, or n + k for segment k; else particle or segment
   int other = 0;                // shape, tunnel, 2 tunnel + mouth, or the other tendon
   int other_feature = 0;        // segment of the other tendon
-  int end = 0;  // end of the stretch along which nearly parallel segments touch; bone: side of
-                // a valley, plus 2 at the first end of the stretch that lies along the
-                // surface, plus 4 at the last; half of the edge of a mouth
+  int end = 0;                  // end of the stretch along which nearly parallel segments touch; half of
+                                // the edge of a mouth; bone: side of a valley, + 2 at the first and + 4 at
+                                // the last end of the part of a segment that lies along the surface
 };
 
 inline bool operator<(const ContactKey& a, const ContactKey& b) {
