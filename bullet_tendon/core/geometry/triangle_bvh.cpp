@@ -58,10 +58,13 @@ bool above(const Triangle& t, Vec3 p, Vec3& foot) {
   return true;
 }
 
+// Perpendicular to the triangle, as long as twice its area [m^2].
+Vec3 area_of(const Triangle& t) { return cross(t.b - t.a, t.c - t.a); }
+
 // Whether a segment goes through the triangle, or touches it: its ends are on both sides, and so is it of no
 // edge (the volumes of its tetrahedra with the edges have one sign).
 bool is_pierced(const Triangle& t, Vec3 a, Vec3 b) {
-  const Vec3 n = cross(t.b - t.a, t.c - t.a), d = b - a;
+  const Vec3 n = area_of(t), d = b - a;
   const double over = dot(n, a - t.a), under = dot(n, b - t.a);
   if (over * under > 0 || (over == 0 && under == 0)) return false;
   const Vec3 p = t.a - a, q = t.b - a, r = t.c - a;
@@ -158,8 +161,8 @@ void each_edge_at(const Triangle& t, Vec3 point, double rounding, Do what) {
 }
 
 bool has_edge(const Triangle& t, const Edge& edge, double rounding) {
-  const Vec3 middle = 0.5 * (edge.from + edge.to), normal = cross(t.b - t.a, t.c - t.a);
-  if (std::fabs(dot(normal, middle - t.a)) > rounding * norm(normal)) return false;  // is decided soonest
+  const Vec3 middle = 0.5 * (edge.from + edge.to), area = area_of(t);
+  if (std::fabs(dot(area, middle - t.a)) > rounding * norm(area)) return false;  // is decided soonest
   return nearest_of(t, middle, middle).distance <= rounding;
 }
 
@@ -171,7 +174,7 @@ Slope Surface::slope_at(const std::vector<Nearby>& listed, int triangle, const N
                         Vec3 b) const {
   const double rounding = kRoundingShare * size_;
   const Triangle& t = triangles_[triangle];
-  Vec3 face = unit_or(cross(t.b - t.a, t.c - t.a), {});
+  Vec3 face = unit_or(area_of(t), {});
   if (dot(face, out) < 0) face = -face;
   Slope slope{out, false, false};
   each_edge_at(t, at.point, rounding, [&](const Edge& edge) {

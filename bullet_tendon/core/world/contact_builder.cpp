@@ -181,11 +181,13 @@ struct SegmentOver {
   // `shortest` [-]. The nearest point can be at its edge: half of that aside, on one side or on the other, is
   // within the part. There the same holds, so that few points tell that there is none.
   std::optional<std::pair<Plane, Plane>> ends(double shortest) const {
-    const double half = 0.5 * shortest;
-    for (const double u : {near.now.u - half, near.now.u + half}) {
+    const double half = 0.5 * shortest, nearest = near.now.u, at_nearest = lean(below(nearest).normal);
+    for (const double aside : {-half, half}) {
+      const double u = nearest + aside;
       if (u < 0 || u > 1) continue;
       const double leans = lean(below(u).normal);
-      if (std::fabs(leans) >= kAlong || !(goes_on(u - half, leans) || goes_on(u + half, leans))) continue;
+      if (std::fabs(leans) >= kAlong) continue;
+      if (std::fabs(at_nearest - leans) >= kEdge && !goes_on(u + aside, leans)) continue;
       const double from = end_towards(0, u, leans), to = end_towards(1, u, leans);
       if (to - from > shortest) return std::pair{below(from), below(to)};
     }
@@ -221,11 +223,12 @@ std::vector<Plane> ends_along(NearCache& cache, const Shape& shape, const Surfac
   Entry& e = cache.entries[c.n() + k];
   if (e.inside || !(shape.primitive || surface)) return {};
   const Vec3 a = to_local(end, c.predicted.at(k)), b = to_local(end, c.predicted.at(k + 1));
+  const double length = norm(b - a), shortest = kShortest * c.radius;
+  if (length <= shortest) return {};
   const SegmentOver over{shape, surface, e, a, b, unit_or(b - a, {})};
   if (is_held_by_particles(cache, over, k, c.n())) return {};
   if (!shape.primitive) list_within_reach(e, cache.local[k], cache.local[k + 1], *surface);
-  const double length = norm(b - a);
-  const auto ends = over.ends(kShortest * c.radius / length);
+  const auto ends = over.ends(shortest / length);
   if (!ends) return {};
   const auto& [from, to] = *ends;
   const bool between = std::min(e.now.u - from.u, to.u - e.now.u) * length > c.radius;
@@ -257,7 +260,7 @@ bool will_bulge(const NearCache& cache, const Shape& shape, const Tendon& c, int
 // The plane of the other side, within reach, if a particle or a segment a-b (shape frame) is in a valley of a
 // mesh; `here`: the plane of the side that is nearest. With one side at a time, it would change sides from
 // step to step, and sink between them. The interior of a segment has a plane of its own there where it is
-// nearer to that side than its ends are.
+// nearer to that side than its ends are; a point a = b of it, where it is.
 std::optional<Plane> across_valley(const Entry& e, const Surface* surface, Vec3 a, Vec3 b, const Plane& here,
                                    double radius) {
   const Vec3 out = (1 - here.u) * a + here.u * b - here.point;
@@ -271,7 +274,7 @@ std::optional<Plane> across_valley(const Entry& e, const Surface* surface, Vec3 
   const bool segment = norm(b - a) > 0;
   if (segment && (across(a, a).nearest.distance <= at_ends || across(b, b).nearest.distance <= at_ends))
     return {};
-  return Plane{side.nearest.point, side.normal, side.nearest.u};
+  return Plane{side.nearest.point, side.normal, segment ? side.nearest.u : here.u};
 }
 
 // Greatest predicted motion of a particle in the substep [m].
@@ -700,10 +703,9 @@ void World::bone_contacts(int tendon, int s) {
     for (int k = 0; k < static_cast<int>(ends.size()); ++k) {
       const SegmentPoint at{tendon, f - n, 1 - ends[k].u, ends[k].u};
       const Vec3 ahead = to_local(end, at.of(c.predicted));
-      auto other = across_valley(e, surface, ahead, ahead, ends[k], c.radius);
-      if (other) other->u = ends[k].u;
-      const int first = 2 * (k + 1);
-      both_sides(at, key, first, in_world({ends[k].point, ends[k].normal}, end), other, end);
+      const Tangent beside = in_world({ends[k].point, ends[k].normal}, end);
+      both_sides(at, key, 2 * (k + 1), beside, across_valley(e, surface, ahead, ahead, ends[k], c.radius),
+                 end);
     }
     if (segment && !bulges(cache, n, f - n, c.radius) && !will_bulge(cache, shape, c, f - n, end)) continue;
     const SegmentPoint at =
