@@ -3,7 +3,7 @@
 import numpy as np
 import pybullet as p
 import pytest
-from link_scenes import links_on_joints
+from link_scenes import free_ball, links_on_joints
 
 import bullet_tendon as bt
 
@@ -49,9 +49,7 @@ def test_load_comes_to_rest(make_world, client, facets, motor, apart):
     out = DRUM + RADIUS + apart
     angles = np.linspace(1.5 * np.pi, 0, 25)
     wound = np.c_[out * np.cos(angles), 0 * angles, out * np.sin(angles)]
-    ball = p.createCollisionShape(p.GEOM_SPHERE, radius=0.05, physicsClientId=client)
-    load = p.createMultiBody(MASS, ball, -1, [out, 0, -1.0], physicsClientId=client)
-    p.changeDynamics(load, -1, linearDamping=0, angularDamping=0, physicsClientId=client)
+    load = free_ball(client, MASS, (out, 0, -1.0), 0.05)
     material = bt.Material.from_modulus(2e9, RADIUS)
     t = world.add_tendon([*wound.tolist(), [out, 0, -1.0]], RADIUS, material, 60)
     t.attach(0, body, link)

@@ -3,7 +3,7 @@
 import numpy as np
 import pybullet as p
 import pytest
-from link_scenes import links_on_joints, mesh_obstacle, triangles_shape
+from link_scenes import free_ball, links_on_joints, mesh_obstacle, triangles_shape
 
 import bullet_tendon as bt
 
@@ -33,12 +33,9 @@ def over_it(world, client, particles, friction, masses):
     around = np.c_[OUT * np.cos(angles), 0 * angles, OUT * np.sin(angles)].tolist()
     material = bt.Material.from_modulus(2e8, RADIUS, friction=friction)
     cord = world.add_tendon([[-OUT, 0, -0.3], *around, [OUT, 0, -0.3]], RADIUS, material, particles)
-    ball = p.createCollisionShape(p.GEOM_SPHERE, radius=0.02, physicsClientId=client)
     weights = []
     for end, mass in zip((0, -1), masses, strict=True):
-        place = cord.positions[end].tolist()
-        weights.append(p.createMultiBody(mass, ball, -1, place, physicsClientId=client))
-        p.changeDynamics(weights[-1], -1, linearDamping=0, angularDamping=0, physicsClientId=client)
+        weights.append(free_ball(client, mass, cord.positions[end], 0.02))
         cord.attach(end, weights[-1])
     return cord, weights
 

@@ -20,6 +20,19 @@ def groove(world, client, half_angle, tilt):
     return mesh_obstacle(world, client, corners, faces, friction=1.0)
 
 
+def saddle(world, client, rows, columns, sizes, bulge, groove):
+    """An obstacle of rows x columns corners: it bulges along x, and is a groove across.
+
+    sizes: half of its length and width; bulge, groove: how far it falls and rises to its borders [m].
+    """
+    along, across = np.linspace(-1, 1, rows), np.linspace(-1, 1, columns)
+    length, width = sizes
+    vertices = [[length * a, width * b, -bulge * a * a + groove * b * b] for a in along for b in across]
+    k = np.arange((rows - 1) * columns).reshape(rows - 1, columns)[:, :-1].ravel()
+    faces = np.concatenate([np.c_[k, k + columns, k + 1], np.c_[k + 1, k + columns, k + columns + 1]])
+    mesh_obstacle(world, client, vertices, faces, friction=1.0)
+
+
 @pytest.mark.parametrize("friction", [0.0, 0.3])
 @pytest.mark.parametrize(("half_angle", "tilt"), [(0.6, 0.0), (0.8, 0.3), (1.45, 0.04)], ids=str)
 def test_both_sides_carry_the_weight(make_world, client, half_angle, tilt, friction):
@@ -55,13 +68,7 @@ def test_both_sides_carry_the_weight(make_world, client, half_angle, tilt, frict
 def test_a_taut_tendon_does_not_sink_between_the_faces_of_a_groove(make_world, client):
     """A force within one step throws it into a groove of coarse faces: it stays on top of them, and rests."""
     world = make_world(1 / 75, (0, 0, 0))
-    along, across = np.linspace(-1, 1, 15), np.linspace(-1, 1, 15)
-    vertices = np.array(
-        [[0.027 * a, 0.02 * b, -0.014 * a * a + 0.006 * b * b] for a in along for b in across]
-    )
-    k = np.arange(14 * 15).reshape(14, 15)[:, :-1].ravel()
-    faces = np.concatenate([np.c_[k, k + 15, k + 1], np.c_[k + 1, k + 15, k + 16]])
-    mesh_obstacle(world, client, vertices, faces, friction=1.0)
+    saddle(world, client, 15, 15, (0.027, 0.02), 0.014, 0.006)
     a = np.linspace(-1.25, 1.25, 41)
     line = np.c_[0.027 * a, 0 * a + 1e-4, -0.014 * a * a + 0.0025]
     t = world.add_tendon(line, 0.0013, bt.Material(stiffness=1e6, damping=200.0, friction=0.0), 41)
@@ -81,11 +88,7 @@ def test_a_taut_tendon_does_not_sink_between_the_faces_of_a_groove(make_world, c
 def test_a_taut_tendon_rests_on_the_ridges_of_a_groove(make_world, client, rows, dt):
     """Where its segments cross the ridges of a coarse saddle, they touch both sides of the groove too."""
     world = make_world(dt, (0, 0, 0))
-    along, across = np.linspace(-1, 1, rows), np.linspace(-1, 1, 9)
-    vertices = np.array([[0.04 * a, 0.02 * b, -0.025 * a * a + 0.012 * b * b] for a in along for b in across])
-    k = np.arange((rows - 1) * 9).reshape(rows - 1, 9)[:, :-1].ravel()
-    faces = np.concatenate([np.c_[k, k + 9, k + 1], np.c_[k + 1, k + 9, k + 10]])
-    mesh_obstacle(world, client, vertices, faces, friction=1.0)
+    saddle(world, client, rows, 9, (0.04, 0.02), 0.025, 0.012)
     a = np.linspace(-1.25, 1.25, 33)
     line = np.c_[0.04 * a, 0 * a + 1e-4, -0.025 * a * a + 0.0035]
     t = world.add_tendon(line, 0.0009, bt.Material(stiffness=1e6, damping=200.0, friction=0.0), 33)
@@ -105,11 +108,7 @@ def test_a_taut_tendon_rests_on_the_ridges_of_a_groove(make_world, client, rows,
 def test_a_taut_tendon_in_a_shallow_groove_rests(make_world, client, rows, columns, particles, dt):
     """It slides to the bottom of the groove and stays: it does not fall from side to side of it."""
     world = make_world(dt, (0, 0, 0))
-    along, across = np.linspace(-1, 1, rows), np.linspace(-1, 1, columns)
-    vertices = [[0.0425 * a, 0.02 * b, -0.0245 * a * a + 0.0067 * b * b] for a in along for b in across]
-    k = np.arange((rows - 1) * columns).reshape(rows - 1, columns)[:, :-1].ravel()
-    faces = np.concatenate([np.c_[k, k + columns, k + 1], np.c_[k + 1, k + columns, k + columns + 1]])
-    mesh_obstacle(world, client, vertices, faces, friction=1.0)
+    saddle(world, client, rows, columns, (0.0425, 0.02), 0.0245, 0.0067)
     a = np.linspace(-1.2, 1.2, 41)
     line = np.c_[0.0425 * a, 0 * a + 1e-4, -0.0245 * a * a + 0.0025]
     t = world.add_tendon(line, 0.001, bt.Material(stiffness=3e3, damping=8.0, friction=0.0), particles)

@@ -198,10 +198,8 @@ def test_a_windlass_bears_the_torque_of_what_it_winds_up(
         return np.array(p.getBasePositionAndOrientation(weight, client)[0])
 
     def turning():
-        if load == "force":
-            return momentum(t)[4]
-        velocity = np.array(p.getBaseVelocity(weight, client)[0])
-        return momentum(t)[4] + mass * np.cross(place(), velocity)[1]
+        of_load = np.array(p.getBaseVelocity(weight, client)[0]) if load == "weight" else np.zeros(3)
+        return momentum(t)[4] + mass * np.cross(place(), of_load)[1]
 
     for k in range(360):
         if driven == "by hand":
