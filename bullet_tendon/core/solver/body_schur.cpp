@@ -213,7 +213,7 @@ void add_body_residual(Island& island) {
                         [&](int m) -> dense::Numbers& { return island.bodies.body(m).unknowns.residual; });
 }
 
-bool bodies_are_overpowered(const Island& island, double dt) {
+bool bodies_are_overpowered(const Island& island, const Substepper& substeps) {
   static thread_local dense::Numbers forces;  // keeps its memory from step to step
   return std::any_of(island.bodies.indices.begin(), island.bodies.indices.end(), [&](int body) {
     GeneralizedBody& m = island.bodies.body(body);
@@ -221,8 +221,10 @@ bool bodies_are_overpowered(const Island& island, double dt) {
     forces.assign(m.n(), 0.0);
     for (int l : island.bodies.carried)
       if (const Link& link = island.bodies.link(l); link.body == body)
-        link.add_generalized(link.jacobian, -1 * link.iterate.load, forces);
-    return m.overpowered(forces, dt);
+        link.add_generalized(link.jacobian, -substeps.h() * link.iterate.load, forces);
+    dense::add(forces, 1, m.substep.pushed);
+    for (double& f : forces) f /= substeps.end();
+    return m.overpowered(forces, substeps.step());
   });
 }
 

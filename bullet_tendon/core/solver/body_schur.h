@@ -2,6 +2,7 @@
 #pragma once
 #include <cstddef>
 
+#include "integrator/substepper.h"
 #include "solver/island.h"
 
 namespace bt {
@@ -38,8 +39,9 @@ void clear_loads(Island& island);
 void clear_pulls(Island& island);  // the sums from which the stiffness of large rotations is computed
 void start_body_residual(Island& island, double share);
 void add_body_residual(Island& island);
-// Whether the forces of the iterate overpower what holds a body in a step of dt [s].
-bool bodies_are_overpowered(const Island& island, double dt);
+// Whether the forces of the step up to the end of this substep, with the iterate's, overpower what holds a
+// body.
+bool bodies_are_overpowered(const Island& island, const Substepper& substeps);
 // Largest residual of a body, as a force at its most mobile touched point [N].
 double body_residual(const Island& island);
 // Assembles the border and the corner of the matrix, before anchors are removed from the tendons' part.

@@ -317,7 +317,7 @@ bool stiffen_contacts(Island& island, const StepContext& context) {
   const bool may_be_released = std::any_of(bodies.indices.begin(), bodies.indices.end(), [&](int slot) {
     return bodies.body(slot).holds_to_unknown_limit();
   });
-  island.result.overpowered = bodies_are_overpowered(island, context.substeps->step());
+  island.result.overpowered = bodies_are_overpowered(island, *context.substeps);
   if (island.result.overpowered) return false;
   mark_pressed(island);
   const bool may_show =
