@@ -247,6 +247,55 @@ def test_two_jaws_come_to_rest_on_a_stiff_cord(make_world, client, mass, force):
     np.testing.assert_allclose([abs(world.wrench(jaws, k)[1]) for k in (0, 1)], force, rtol=0.02)
 
 
+@pytest.mark.parametrize("start", [8.1, 8.5, 8.9])
+@pytest.mark.parametrize(
+    ("kind", "way", "force", "mass", "n", "dt", "stiffness"),
+    [
+        (p.GEOM_SPHERE, 1.6, 163.0, 1.5, 51, 1 / 430, 1e3),
+        (p.GEOM_SPHERE, 2.1, 44.0, 0.066, 17, 1 / 360, 3e4),
+        (p.GEOM_SPHERE, 2.4, 56.0, 1.8, 37, 1 / 120, 1.3e4),
+        (p.GEOM_SPHERE, 0.9, 2.8, 2.5, 47, 1 / 90, 3.5e3),
+        (p.GEOM_CAPSULE, 2.3, 44.0, 0.03, 45, 1 / 270, 1.6e3),
+        (p.GEOM_BOX, 1.5, 79.0, 0.44, 41, 1 / 90, 2e4),
+    ],
+)
+def test_jaws_that_close_fast_stop_on_a_hanging_cord(
+    make_world, client, kind, way, force, mass, n, dt, stiffness, start
+):
+    """They would pass through each other before the limits of their motors are known.
+
+    way: in a step, in radii of the cord. start: way to the cord, in steps.
+    """
+    radius, jaw = 6e-4, 2.4e-3
+    world = make_world(dt, (0, 0, -9.81))
+    law = bt.Material(stiffness=stiffness, damping=9.9, friction=1.0)
+    t = world.add_tendon([(0, 0, 0), (0, 0, -0.3)], radius, law, n)
+    t.grip(0)
+    t.set_point_mass(-1, 0.5)
+    sizes = {
+        p.GEOM_SPHERE: {"radius": jaw},
+        p.GEOM_CAPSULE: {"radius": jaw, "height": 3 * jaw},
+        p.GEOM_BOX: {"halfExtents": [jaw, 4 * jaw, 4 * jaw]},
+    }
+    shape = p.createCollisionShape(kind, physicsClientId=client, **sizes[kind])
+    closed = start * way * radius
+    places = [(side * (closed + jaw + radius), 0, -0.09) for side in (-1, 1)]
+    jaws = links_on_joints(client, p.JOINT_PRISMATIC, [mass] * 2, [(1, 0, 0), (-1, 0, 0)], shape, places)
+    for joint in (0, 1):
+        # Without damping, a motor that moves its joint evenly shows no force.
+        p.changeDynamics(jaws, joint, linearDamping=0.04, physicsClientId=client)
+        world.add_obstacle(jaws, joint, friction=0.5)
+        goal = {"targetVelocity": way * radius / dt, "force": force}
+        p.setJointMotorControl2(jaws, joint, p.VELOCITY_CONTROL, **goal, physicsClientId=client)
+    for _ in range(120):
+        world.step()
+        assert world.report.converged
+        ways = [state[0] for state in p.getJointStates(jaws, (0, 1), client)]
+        assert max(ways) < closed + 0.3 * radius
+    np.testing.assert_allclose(ways, closed, atol=0.01 * radius)
+    np.testing.assert_allclose([abs(world.wrench(jaws, k)[0]) for k in (0, 1)], force, rtol=0.01)
+
+
 @pytest.mark.parametrize(
     ("dt", "limit", "radius", "cam", "offset", "pinch", "mass", "friction", "stiffness"),
     [

@@ -64,9 +64,9 @@ constexpr double kLeastYield = 1e-3;
 // hold it [-].
 constexpr double kLeastOfJoint = 0.5;
 
-// Rate, over that which pybullet cuts off, at which what a motor of unknown limit holds would throw its joint
-// [-]: if it does not yield to that, it never does. Smaller than 1: it is never known. Larger: the force is
-// larger.
+// A motor of unknown limit is taken to yield to what would throw its joint at the rate that pybullet cuts
+// off, times this [-]. If it does not yield to that, it never does. Smaller than 1: it is never known.
+// Larger: what it presses on sinks deeper into it.
 constexpr double kShown = 2;
 
 // Rate at which joints and spins are stopped, wherever they are [rad/s], [m/s]: below pybullet's own cut-off,
@@ -298,8 +298,6 @@ void BodyStops::find_motors(const Body& of, double dt) {
     s.wanted = m.foreseen;
     s.coordinate = coordinate;
     s.motor = true;
-    s.least = m.lets > 0 ? m.limit : -m.limit;
-    s.most = m.lets < 0 ? -m.limit : m.limit;
     s.side = m.lets != 0 ? m.lets : m.side;
     s.acts = s.side == 0;
     m.solved = true;
@@ -339,12 +337,18 @@ void BodyStops::find(const Body& of, int base, double dt) {
   find_frictions(of);
   unstopped_ = of.change;
   find_within(of.rates.size());
-  for (size_t a = 0; a < all_.size(); ++a) {
-    if (!all_[a].motor) continue;
-    const JointMotor& m = motors.all[all_[a].coordinate];
-    const double thrown = dt * work_.within[a * all_.size() + a] * m.greatest;
-    all_[a].firm = m.limit == kUnlimited && thrown >= kCutOff * kMostRate;
-  }
+  for (size_t a = 0; a < all_.size(); ++a)
+    if (all_[a].motor) bound_motor(all_[a], dt * work_.within[a * all_.size() + a]);
+}
+
+// Sets the bounds of a motor's force. thrown: rate at which its joint is thrown by a force of one.
+void BodyStops::bound_motor(Stop& s, double thrown) const {
+  const JointMotor& m = motors.all[s.coordinate];
+  const bool known = m.limit < kUnlimited;
+  s.firm = !known && thrown * m.greatest >= kCutOff * kMostRate;
+  const double most = known || s.firm ? m.limit : kShown * kMostRate / thrown;
+  s.least = m.lets > 0 ? most : -most;
+  s.most = m.lets < 0 ? -most : most;
 }
 
 // Whether it holds its joint, and may be found to yield at a limit that is not known.
@@ -437,13 +441,7 @@ bool BodyStops::choose(const Body& of, const Numbers& forces, double dt) {
 }
 
 bool BodyStops::overpowered(const Body& of, const Numbers& forces, double dt) {
-  if (!motors_act()) return false;
-  if (choose_motors(of, forces, dt)) return true;
-  for (size_t a = 0; a < all_.size(); ++a) {
-    const double thrown = std::fabs(pushes_[a]) * work_.within[a * all_.size() + a];
-    if (may_yield(all_[a]) && thrown >= kShown * kMostRate) return true;
-  }
-  return false;
+  return motors_act() && choose_motors(of, forces, dt);
 }
 
 void BodyStops::act_on(const Body& of, double dt) {

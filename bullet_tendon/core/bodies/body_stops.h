@@ -60,8 +60,7 @@ class BodyStops {
   void find(const Body& of, int base, double dt);
   // Determines those that act under these forces of the tendons (n). Returns whether they changed.
   bool choose(const Body& of, const Numbers& forces, double dt);
-  // Whether these forces of the tendons (n) overpower a motor that holds its joint: they exceed its limit,
-  // or, where that is not known, what shows it.
+  // Whether a motor that holds its joint yields to these forces of the tendons (n).
   bool overpowered(const Body& of, const Numbers& forces, double dt);
   // Takes the directions of those that act from the response, and sets the rates along them.
   void act_on(const Body& of, double dt);
@@ -106,6 +105,7 @@ class BodyStops {
   void find_contacts(const Body& of, double dt);
   void find_spins(const Body& of, int base);
   void find_motors(const Body& of, double dt);
+  void bound_motor(Stop& motor, double thrown) const;
   void find_constraints(const Body& of, double dt);
   void find_frictions(const Body& of);
   void find_within(size_t width);

@@ -8,10 +8,12 @@
 // reports f, but neither aim nor limit. They are learned:
 //
 //   aim    Within its limit it was u. It goes on from there by what its last two changes have in common.
-//   limit  Not known, and taken for infinite, until the motor yields: u is short of the foreseen aim, and f
-//          of the force for it. If f is the largest of the motor so far, this is its limit. If it is less,
-//          the user has lowered the limit or changed the aim. It is taken for a lower limit if it is short by
-//          much, unless the motor was within a limit that is known, or its aim has changed by as much before.
+//   limit  Not known until the motor yields: u is short of the foreseen aim, and f of the force for it. Until
+//          then it is taken for what shows whether the motor yields (BodyStops::bound_motor), and for
+//          infinite once that was withstood. If f is the largest of the motor so far, this is its limit. If
+//          it is less, the user has lowered the limit or changed the aim. It is taken for a lower limit if it
+//          is short by much, unless the motor was within a limit that is known, or its aim has changed by as
+//          much before.
 //
 // pybullet reports a wrong force of a motor that is off (Observer::forces_of_motors).
 //
