@@ -257,6 +257,14 @@ bool keep_distance(const Anchor& h, int link, const std::vector<Link>& links) {
   return h.link == link || (stays(h, links) && !links[link].yields());
 }
 
+Stretch touching_part(const Tendon& c, int k, int link, const std::vector<Link>& links) {
+  auto is_kept = [&](int particle) {
+    const Anchor* anchor = fixed_anchor(c, particle);
+    return anchor && keep_distance(*anchor, link, links);
+  };
+  return {is_kept(k) ? kLeastEndWeight : 0, is_kept(k + 1) ? 1 - kLeastEndWeight : 1};
+}
+
 double contact_distance(const SegmentPair& p, const PairPoint& at, const Tendon& a, const Tendon& b,
                         const std::vector<Link>& links) {
   double apart = a.radius + b.radius;

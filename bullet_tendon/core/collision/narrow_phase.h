@@ -30,6 +30,12 @@ struct SegmentPair {
 bool keep_distance(const Anchor& h, const Anchor& g, const std::vector<Link>& links);
 // The same of an anchor and a link.
 bool keep_distance(const Anchor& h, int link, const std::vector<Link>& links);
+// Smallest weight of a free particle for a contact on a segment whose other end is anchored rigidly [-]. At
+// the anchor the distance is given, so that the nearer to it the contact, the larger the force would be that
+// turns the segment about it, without limit where the anchor is at the surface.
+constexpr double kLeastEndWeight = 0.25;
+// The part of segment k that can touch a link: away from an end that is anchored to it.
+Stretch touching_part(const Tendon& c, int k, int link, const std::vector<Link>& links);
 // Distance of the centrelines of a pair in contact [m]: the sum of the radii, or less near anchors that are
 // nearer to each other than that (collision/broad_phase.cpp).
 double contact_distance(const SegmentPair& p, const PairPoint& at, const Tendon& a, const Tendon& b,

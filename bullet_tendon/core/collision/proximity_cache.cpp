@@ -138,8 +138,9 @@ bool is_pressed(const NearContext& context, int feature) {
 }
 
 // Of a mesh, which has no points in holes.
-Plane plane_of(const Nearest& found, Vec3 a, Vec3 b, Vec3 fallback) {
-  return {found.point, unit_or((1 - found.u) * a + found.u * b - found.point, fallback), found.u, false};
+Plane plane_of(const Nearest& found, const Query& q, Vec3 fallback) {
+  const Vec3 nearest = (1 - found.u) * q.a + found.u * q.b;
+  return {found.point, unit_or(nearest - found.point, fallback), q.of.whole(found.u), false};
 }
 
 // A feature that crosses the surface of a mesh keeps its last valid plane.
@@ -170,7 +171,7 @@ void take_nearest(Entry& e, const Query& q, const Nearest& found) {
   e.nearby.clear();  // it is not complete up to e.listed
   if (found.distance == 0) return cross_surface(e);
   e.listed = (1 + 2 * kListed) * found.distance;
-  take_plane(e, q, plane_of(found, q.a, q.b, e.asked.normal), found.distance);
+  take_plane(e, q, plane_of(found, q, e.asked.normal), found.distance);
 }
 
 // Upper bound of a distance to a mesh: that to one of its points, in spite of rounding.
@@ -226,7 +227,7 @@ struct Considering {
     if (moved > 0.5 * (e.listed - e.distance)) return false;
     if (e.nearby.empty()) context.surface->list(e.a, e.b, e.listed, e.nearby);
     const Nearest found = context.surface->nearest(e.nearby, q.a, q.b);
-    e.now = plane_of(found, q.a, q.b, e.asked.normal);
+    e.now = plane_of(found, q, e.asked.normal);
     e.clearance = found.distance;
     return true;
   }
@@ -242,7 +243,8 @@ struct Considering {
 
   Nearest search(const Entry& e, const Query& q, bool bounded) const {
     if (!bounded) return context.surface->search(q.a, q.b, HUGE_VAL);
-    const Vec3 last = (1 - e.asked.u) * q.a + e.asked.u * q.b;
+    const double u = q.of.part(e.asked.u);
+    const Vec3 last = (1 - u) * q.a + u * q.b;
     return context.surface->search(q.a, q.b, bound_of(last, e.asked.point));
   }
 
@@ -258,9 +260,10 @@ struct Considering {
 
 }  // namespace
 
-void ask(const Tendon& tendon, int tendon_slot, const Shape& shape, int shape_slot, const Link& link,
+void ask(const Tendon& tendon, int tendon_slot, const Shape& shape, int shape_slot,
          const NearContext& context, NearCache& cache, Queries& queries, NearCounts& counts) {
   const int n = tendon.n();
+  const Link& link = (*context.links)[shape.link];
   const Pose pose = in_world(shape, link);
   for (Entry& e : cache.entries) e.wanted = false;
   if (is_out_of_reach(shape, pose, link, context.reach)) {
@@ -310,8 +313,13 @@ void ask(const Tendon& tendon, int tendon_slot, const Shape& shape, int shape_sl
       if (!overlap({lowest(last, here), highest(last, here)}, shape.box(), most) ||
           is_spared(n + i - 1, bored_between(tendon, i - 1, bored_before, bored, *context.bores)))
         ++counts.culled;
-      else
-        consider(cache.entries[n + i - 1], {tendon_slot, shape_slot, n + i - 1, last, here}, most);
+      else {
+        const Stretch of = touching_part(tendon, i - 1, shape.link, *context.links);
+        const Vec3 along = here - last;
+        consider(cache.entries[n + i - 1],
+                 {tendon_slot, shape_slot, n + i - 1, last + of.from * along, last + of.to * along, of},
+                 most);
+      }
     }
     before = now;
     bored_before = bored;
@@ -327,13 +335,13 @@ void answer(const Query& q, double distance, Vec3 point, double u, const Pose& p
   bool believed = distance > 0 || (distance < 0 && std::fabs(length + distance) < 1e-6 && length > 1e-9);
   if (!believed) return cross_surface(e);
   const double sign = distance < 0 ? -1 : 1;
-  Plane plane{point, unit_or(sign * (nearest - point), e.asked.normal), u,
+  Plane plane{point, unit_or(sign * (nearest - point), e.asked.normal), q.of.whole(u),
               !context.surface && in_any_bore(to_world(pose, point), *context.bores)};
   if (context.surface && distance > 0) {
     e.listed = context.surface->list(q.a, q.b, (1 + 2 * kListed) * distance, e.nearby);
     const Nearest found = context.surface->nearest(e.nearby, q.a, q.b);
     distance = found.distance;
-    plane = plane_of(found, q.a, q.b, plane.normal);
+    plane = plane_of(found, q, plane.normal);
   }
   take_plane(e, q, plane, distance);
 }

@@ -1,9 +1,10 @@
 // Decides which particles and segments of a tendon need a new distance to a bone, and keeps the last
 // distances.
 //
-// A feature is a particle or the inside of a segment. Its entry has the plane of the last query (point and
-// normal on the shape, in the shape's frame) and the position of the feature at that query. With d the
-// distance at that query, and m the motion since then relative to the shape, the feature is
+// A feature is a particle or the inside of a segment, or the part of it that can touch the shape
+// (touching_part). Its entry has the plane of the last query (point and normal on the shape, in the shape's
+// frame) and the position of the feature at that query. With d the distance at that query, and m the motion
+// since then relative to the shape, the feature is
 //   skipped  while d - m > reach, because it cannot be within reach,
 //   reused   mesh: while the list of the nearby triangles of the last query contains the nearest one
 //            (geometry/triangle_bvh.h); these triangles are measured again. Primitive on a link at rest:
@@ -26,6 +27,7 @@
 #pragma once
 #include <vector>
 
+#include "collision/narrow_phase.h"
 #include "collision/shape.h"
 #include "tendon/tendon.h"
 
@@ -39,7 +41,7 @@ constexpr double kFarthestMove = 0.9;
 // Tangent plane of a shape at the point nearest to a feature.
 struct Plane {
   Vec3 point, normal;  // shape frame
-  double u = 0;        // parameter of the nearest point of a segment [-]
+  double u = 0;        // parameter of the nearest point of the whole segment [-]
   bool hole = false;   // of a primitive: the surface point is in a bore, where there is no bone
 };
 
@@ -59,6 +61,7 @@ struct Entry {
 struct Query {
   int tendon, shape, feature;  // feature: particle i, or n + k for segment k
   Vec3 a, b;                   // shape frame
+  Stretch of{};                // the part of the segment that is from a to b
 };
 
 // What one detection measures.
@@ -98,12 +101,13 @@ struct NearContext {
   Box reach;                                  // of the tendon, see box_of_reach [m]
   const std::vector<Bore>* bores = nullptr;   // those of the shape's link
   const Surface* surface = nullptr;           // of a mesh: what these bores leave of it; else null
+  const std::vector<Link>* links = nullptr;
   // Where there are bores: features that the shape pressed on in the last step, in ascending order.
   const std::vector<int>* pressed = nullptr;
 };
 
 // Appends the queries needed for one tendon and one shape, and marks the entries that need contacts.
-void ask(const Tendon& tendon, int tendon_slot, const Shape& shape, int shape_slot, const Link& link,
+void ask(const Tendon& tendon, int tendon_slot, const Shape& shape, int shape_slot,
          const NearContext& context, NearCache& cache, Queries& queries, NearCounts& counts);
 
 // Stores the answer to a query: distance [m], nearest surface point (shape frame) and parameter. For a mesh,

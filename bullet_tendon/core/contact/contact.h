@@ -31,6 +31,7 @@
 #include <tuple>
 
 #include "contact/segment_point.h"
+#include "geometry/segment_distance.h"
 #include "geometry/tunnel_bore.h"
 #include "tendon/axial_springs.h"
 
@@ -59,11 +60,6 @@ inline bool operator<(const ContactKey& a, const ContactKey& b) {
 }
 
 inline bool operator==(const ContactKey& a, const ContactKey& b) { return !(a < b) && !(b < a); }
-
-// Part of a segment [-].
-struct Stretch {
-  double from = 0, to = 1;
-};
 
 // The contact surface, and the gap to it.
 struct ContactGeometry {

@@ -1,8 +1,19 @@
 // Nearest points of two segments.
 #pragma once
+#include <algorithm>
+
 #include "math/vec3.h"
 
 namespace bt {
+
+// A part of a segment, from 0 at its first particle to 1 at its second.
+struct Stretch {
+  double from = 0, to = 1;  // [-]
+
+  // Of a point of the part, from 0 to 1: where it is in the segment; and back, of the point nearest to it.
+  double whole(double u) const { return from + u * (to - from); }
+  double part(double u) const { return std::min(std::max((u - from) / (to - from), 0.0), 1.0); }
+};
 
 // Largest number of steps of a search for nearest points that alternates between two features, or of an
 // advance of two segments until they could touch [-]. Fewer: points are less accurate, and substeps are cut

@@ -389,12 +389,6 @@ void fix_in_matrix(Island& island) {
       island.at(contact->a).matrix.hold(particle_of(*contact), outer(contact->geometry.normal));
 }
 
-const Anchor* fixed_anchor(const Tendon& c, int particle) {
-  for (const Anchor& h : c.anchors)
-    if ((h.rigid || h.link >= 0) && !h.is_line && h.particle == particle) return &h;
-  return nullptr;
-}
-
 // A particle at an anchor touches nothing by itself: what it is attached to is there. Between two anchors a
 // segment does, where they can part from the body.
 bool overruled(const Contact& contact, const Tendon& c, const std::vector<Link>& links) {

@@ -66,10 +66,6 @@ void add_soft_anchors(Tendon& c, const Field& x, bool matrix);
 void project_anchors(Island& island, Field Tendon::* what);
 // Constrains the same components in the matrices.
 void fix_in_matrix(Island& island);
-// Smallest weight of a free particle for a contact on a segment whose other end is anchored rigidly [-].
-constexpr double kLeastEndWeight = 0.25;
-// The anchor of a particle, if it is an attachment or a rigid grip; else null.
-const Anchor* fixed_anchor(const Tendon& c, int particle);
 // Whether a contact with a body has only anchored particles (or weights of others so small that these would
 // have to move far), whose distances from the body no force changes. It has no solution and is left out.
 bool overruled(const Contact& contact, const Tendon& c, const std::vector<Link>& links);

@@ -179,6 +179,8 @@ class Tendon : public TendonModel, public TendonState, public TendonWorkspace {
   int n_;
 };
 
+// The anchor of a particle, if it is an attachment or a rigid grip; else null.
+const Anchor* fixed_anchor(const Tendon& c, int particle);
 // Whether x_new of any particle is outside its predicted region.
 bool leaves_predicted_region(const Tendon& c);
 

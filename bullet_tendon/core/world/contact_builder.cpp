@@ -123,18 +123,18 @@ double stiffness_of_arc(const Tendon& c, int i, Vec3 normal) {
   return 0.5 * turn * turn * (c.structure.slope[i - 1] + c.structure.slope[i]);
 }
 
-// Whether a shape is nearer to the interior of segment k than to its ends, which have contacts of their own.
-bool bulges(const NearCache& cache, int n, int k, double radius) {
+// Whether a shape is nearer to the part of segment k that can touch it than to the segment's ends, which have
+// contacts of their own where they belong to that part.
+bool bulges(const NearCache& cache, int n, int k, double radius, const Stretch& part) {
   const Plane& e = cache.entries[n + k].now;
   if (e.u <= 1e-6 || e.u >= 1 - 1e-6) return false;
   auto height = [](const Plane& at, Vec3 x) { return dot(at.normal, x - at.point); };
   const Vec3 a = cache.local[k], b = cache.local[k + 1];
   const double inside = height(e, (1 - e.u) * a + e.u * b) + kNoBulge * radius;
-  for (int i : {k, k + 1}) {
-    const Entry& end = cache.entries[i];
-    if (end.wanted && height(end.now, cache.local[i]) <= inside) return false;
-  }
-  return true;
+  auto touches = [&](int i) {
+    return cache.entries[i].wanted && height(cache.entries[i].now, cache.local[i]) <= inside;
+  };
+  return !(part.from == 0 && touches(k)) && !(part.to == 1 && touches(k + 1));
 }
 
 // Whether the part of a segment that is beside a round surface turns around it, else lies along it.
@@ -149,6 +149,7 @@ struct SegmentOver {
   const Shape& shape;
   const Surface* surface;
   const Entry& near;
+  const Stretch part;  // that can touch it
   Vec3 a, b, along;
 
   Vec3 at(double u) const { return (1 - u) * a + u * b; }
@@ -164,7 +165,7 @@ struct SegmentOver {
 
   // Whether the surface leans to the segment at u by as much.
   bool goes_on(double u, double leans) const {
-    return u >= 0 && u <= 1 && std::fabs(lean(below(u).normal) - leans) < kEdge;
+    return u >= part.from && u <= part.to && std::fabs(lean(below(u).normal) - leans) < kEdge;
   }
 
   // How far from u towards one of its ends the surface leans to it by as much.
@@ -184,11 +185,11 @@ struct SegmentOver {
     const double half = 0.5 * shortest, nearest = near.now.u, at_nearest = lean(below(nearest).normal);
     for (const double aside : {-half, half}) {
       const double u = nearest + aside;
-      if (u < 0 || u > 1) continue;
+      if (u < part.from || u > part.to) continue;
       const double leans = lean(below(u).normal);
       if (std::fabs(leans) >= kAlong) continue;
       if (std::fabs(at_nearest - leans) >= kEdge && !goes_on(u + aside, leans)) continue;
-      const double from = end_towards(0, u, leans), to = end_towards(1, u, leans);
+      const double from = end_towards(part.from, u, leans), to = end_towards(part.to, u, leans);
       if (to - from > shortest) return std::pair{below(from), below(to)};
     }
     return {};
@@ -211,7 +212,7 @@ bool is_held_by_particles(const NearCache& cache, const SegmentOver& over, int k
     return i >= 0 && i < n && cache.entries[i].wanted &&
            std::fabs(over.lean(cache.entries[i].now.normal)) < kAlong;
   };
-  const bool first = holds(k), last = holds(k + 1);
+  const bool first = over.part.from == 0 && holds(k), last = over.part.to == 1 && holds(k + 1);
   return (first && (last || holds(k - 1))) || (last && holds(k + 2));
 }
 
@@ -219,13 +220,13 @@ bool is_held_by_particles(const NearCache& cache, const SegmentOver& over, int k
 // segment. `surface` is that of a mesh. A body that is shorter than two segments would tip over the nearest
 // point alone within a step.
 std::vector<Plane> ends_along(NearCache& cache, const Shape& shape, const Surface* surface, const Tendon& c,
-                              int k, const Pose& end) {
+                              int k, const Stretch& part, const Pose& end) {
   Entry& e = cache.entries[c.n() + k];
   if (e.inside || !(shape.primitive || surface)) return {};
   const Vec3 a = to_local(end, c.predicted.at(k)), b = to_local(end, c.predicted.at(k + 1));
   const double length = norm(b - a), shortest = kShortest * c.radius;
   if (length <= shortest) return {};
-  const SegmentOver over{shape, surface, e, a, b, unit_or(b - a, {})};
+  const SegmentOver over{shape, surface, e, part, a, b, unit_or(b - a, {})};
   if (is_held_by_particles(cache, over, k, c.n())) return {};
   if (!shape.primitive) list_within_reach(e, cache.local[k], cache.local[k + 1], *surface);
   const auto ends = over.ends(shortest / length);
@@ -597,6 +598,8 @@ bool World::is_contradicted(const Contact& contact) const {
     if ((e ? contact.a.w1 : contact.a.w0) == 0) continue;
     const Anchor* anchor = fixed_anchor(c, contact.a.first + e);
     if (!anchor) continue;
+    // Near an attachment to the same link, the contact keeps the distance that the attachment leaves it.
+    if (anchor->link == contact.link && (e ? contact.a.w0 : contact.a.w1) >= kLeastEndWeight) continue;
     Contact at_hold = contact;
     at_hold.evaluate(anchor->target.aim, true);
     if (at_hold.geometry.gap < 0 && !at_hold.is_closed() && !is_beside(*anchor, contact)) return true;
@@ -698,8 +701,9 @@ void World::bone_contacts(int tendon, int s) {
     if (!e.wanted) continue;
     const bool segment = f >= n;
     const ContactKey key{ContactKind::bone, tendon, f, s};
+    const Stretch part = segment ? touching_part(c, f - n, shape.link, scene.links) : Stretch{};
     const std::vector<Plane> ends =
-        segment ? ends_along(cache, shape, surface, c, f - n, end) : std::vector<Plane>{};
+        segment ? ends_along(cache, shape, surface, c, f - n, part, end) : std::vector<Plane>{};
     for (int k = 0; k < static_cast<int>(ends.size()); ++k) {
       const SegmentPoint at{tendon, f - n, 1 - ends[k].u, ends[k].u};
       const Vec3 ahead = to_local(end, at.of(c.predicted));
@@ -707,7 +711,8 @@ void World::bone_contacts(int tendon, int s) {
       both_sides(at, key, 2 * (k + 1), beside, across_valley(e, surface, ahead, ahead, ends[k], c.radius),
                  end);
     }
-    if (segment && !bulges(cache, n, f - n, c.radius) && !will_bulge(cache, shape, c, f - n, end)) continue;
+    if (segment && !bulges(cache, n, f - n, c.radius, part) && !will_bulge(cache, shape, c, f - n, end))
+      continue;
     const SegmentPoint at =
         segment ? SegmentPoint{tendon, f - n, 1 - e.now.u, e.now.u} : particle_of(c, tendon, f);
     const Vec3 from = cache.local[segment ? f - n : f], to = segment ? cache.local[f - n + 1] : from;
@@ -734,20 +739,6 @@ void World::both_sides(const SegmentPoint& at, ContactKey key, int first, const 
   bone_contact(at, key, beside);
 }
 
-// The point of a segment that is anchored to what it touches stays away from the anchor. At the anchor the
-// distance is given, so that the nearer to it the point slid, the larger the force would be that turns the
-// segment about it, without limit where the anchor is at the surface.
-void World::keep_from_anchors(Contact& contact, const Tendon& c, int link) const {
-  auto anchored = [&](int particle) {
-    const Anchor* anchor = fixed_anchor(c, particle);
-    return anchor && keep_distance(*anchor, link, scene.links);
-  };
-  Stretch& slides = contact.geometry.slides;
-  if (anchored(contact.a.first)) slides.from = kLeastEndWeight;
-  if (anchored(contact.a.first + 1)) slides.to = 1 - kLeastEndWeight;
-  contact.slide_to(contact.a.w1);
-}
-
 // With a plane or a round surface, given where it is foreseen to be at the end of the substep.
 void World::bone_contact(const SegmentPoint& spot, const ContactKey& key, const Tangent& surface) {
   const Shape& shape = *scene.shapes[key.other];
@@ -757,7 +748,8 @@ void World::bone_contact(const SegmentPoint& spot, const ContactKey& key, const 
   contact.a = spot;
   const Vec3 segment = c.x.at(spot.first + 1) - c.x.at(spot.first);
   const bool round = surface.radius > 0 && is_across(surface, segment, c.radius);
-  if (round && key.feature >= c.n()) keep_from_anchors(contact, c, shape.link);
+  if (round && key.feature >= c.n())
+    contact.geometry.slides = touching_part(c, spot.first, shape.link, scene.links);
   const double kept = distance_to_keep(contact.a, key) + options.contact_threshold;
   contact.geometry.normal = surface.normal;
   contact.geometry.offset = dot(surface.normal, surface.point) + kept;

@@ -192,7 +192,8 @@ NearContext World::near_context(const Tendon& c, int s) {
           options.reuse_tolerance,
           {},
           &bores_for(c, scene.shapes[s]->link),
-          surface_for(c, s)};
+          surface_for(c, s),
+          &scene.links};
 }
 
 void World::find_pressed(int tendon, int s) {
@@ -219,8 +220,7 @@ void World::update_proximity(DistanceOracle& oracle) {
           find_pressed(tendon, s);
           context.pressed = &detection_.pressed;
         }
-        ask(c, tendon, shape, s, scene.links[shape.link], context, cache, detection_.queries,
-            step_.report.near);
+        ask(c, tendon, shape, s, context, cache, detection_.queries, step_.report.near);
       } else {
         cache.entries.clear();
       }

@@ -425,7 +425,6 @@ class World {
   void finish_contact(Contact& contact, const HeldBack& held, double radius);
   bool turns_far(const Link& link) const;
   void set_arm(Contact& contact) const;
-  void keep_from_anchors(Contact& contact, const Tendon& c, int link) const;
   bool is_contradicted(const Contact& contact) const;
   bool is_beside(const Anchor& anchor, const Contact& contact) const;
   void both_sides(const SegmentPoint& at, ContactKey key, int first, const Tangent& beside,
