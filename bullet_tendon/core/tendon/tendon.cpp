@@ -206,13 +206,13 @@ void Tendon::predict() {
   std::fill(slack.begin(), slack.end(), most_slack);
 }
 
-BT_VECTOR const Anchor* fixed_anchor(const Tendon& c, int particle) {
+const Anchor* fixed_anchor(const Tendon& c, int particle) {
   for (const Anchor& h : c.anchors)
     if ((h.rigid || h.link >= 0) && !h.is_line && h.particle == particle) return &h;
   return nullptr;
 }
 
-bool leaves_predicted_region(const Tendon& c) {
+BT_VECTOR bool leaves_predicted_region(const Tendon& c) {
   int count = 0;
   const double *x = c.x_new[0], *y = c.x_new[1], *z = c.x_new[2], *slack = c.slack.data();
   const double *fx = c.predicted[0], *fy = c.predicted[1], *fz = c.predicted[2];

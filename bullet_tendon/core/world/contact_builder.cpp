@@ -748,8 +748,10 @@ void World::bone_contact(const SegmentPoint& spot, const ContactKey& key, const 
   contact.a = spot;
   const Vec3 segment = c.x.at(spot.first + 1) - c.x.at(spot.first);
   const bool round = surface.radius > 0 && is_across(surface, segment, c.radius);
-  if (round && key.feature >= c.n())
+  if (round && key.feature >= c.n()) {
     contact.geometry.slides = touching_part(c, spot.first, shape.link, scene.links);
+    contact.slide_to(contact.a.w1);  // its plane can be older than an anchor
+  }
   const double kept = distance_to_keep(contact.a, key) + options.contact_threshold;
   contact.geometry.normal = surface.normal;
   contact.geometry.offset = dot(surface.normal, surface.point) + kept;
