@@ -35,7 +35,7 @@ def held_body(client, shape, mass, at):
     [
         *((p.GEOM_SPHERE, deep) for deep in (0.0, 3e-4, 2e-3)),
         *((p.GEOM_CAPSULE, deep) for deep in (0.0, 3e-4, 2e-3)),
-        *((kind, deep) for kind in (p.GEOM_CYLINDER, p.GEOM_BOX) for deep in (0.0, 3e-4)),
+        *((kind, deep) for kind in (p.GEOM_CYLINDER, p.GEOM_BOX) for deep in (0.0, 3e-4, 2e-3)),
     ],
 )
 def test_comes_to_rest_over_its_end(make_world, client, kind, deep, n, mass):

@@ -1199,3 +1199,50 @@ def gripped_cord(scene):
     quarter = scene.steps // 4
     fallen = np.mean(heights[quarter : 2 * quarter]) - np.mean(heights[-quarter:])
     scene.check(fallen < 0.02, f"the load falls by {fallen:.4g} m")
+
+
+@family
+def attached_to_limb(scene):
+    """A tendon attached at a limb's surface, or beneath it, is led around the limb, and comes to rest."""
+    scene.begin(gravity=False)
+    kind, size = scene.pick("sphere", "capsule", "cylinder", "box"), scene.log(0.005, 0.05)
+    length, radius = size * scene.flat(3, 8), rounded(size * scene.log(0.02, 0.2))
+    sizes = {"sphere": (size,), "box": (2 * size, 2 * size, length)}.get(kind, (size, length))
+    turn = rounded(scene.rng.normal(size=4))
+    turn = (turn / np.linalg.norm(turn)).tolist()
+    mu = scene.pick(0.0, scene.flat(0.05, 0.8))
+    limb = scene.body(kind, sizes, scene.pick(0.0, scene.log(0.05, 2)), (0, 0, 0), turn, friction=1.0)
+    if scene.free:
+        fixed = (limb, -1, -1, -1, scene.raw.JOINT_FIXED, [0, 0, 0], [0, 0, 0], [0, 0, 0], [0, 0, 0, 1])
+        scene.p.createConstraint(*fixed, childFrameOrientation=turn)
+        scene.free.clear()  # its momentum is the constraint's
+    axes = np.array(scene.raw.getMatrixFromQuaternion(turn)).reshape(3, 3)
+    half = {"sphere": size, "capsule": length / 2 + size}.get(kind, length / 2)
+    deep = scene.pick(0.0, scene.flat(0, 0.5)) * radius
+    if kind == "sphere" or scene.coin():
+        out, start = axes[:, 2], (half - deep) * axes[:, 2]
+    else:
+        out, start = axes[:, 0], axes @ [size - deep, 0, scene.flat(-0.4, 0.4) * length]
+    side = np.cross(out, scene.direction())
+    side /= np.linalg.norm(side)
+    force, long = scene.log(0.1, 300), 4 * half + 6 * size
+    lean, far = scene.flat(0.0, 1.2), scene.flat(1.4, 2.2)
+    ends = [start, start + long * (np.cos(lean) * out + np.sin(lean) * side)]
+    material = scene.material(force, friction=mu)
+    tendon = straight(scene, rounded(ends), material, scene.whole(8, 60), radius)
+    attached = tendon.attach(0, limb)
+    hand = tendon.grip(-1, stiffness=rounded(2 * force / size), damping=rounded(2 * force / size * scene.dt))
+    aim = start + 1.1 * long * (np.cos(far) * out + np.sin(far) * side)
+    scene.lead(hand, aim - ends[1], scene.steps // 2)
+    scene.run(scene.steps // 4)
+    pulls = []
+    scene.run(scene.steps // 4, watch=lambda: pulls.append(np.linalg.norm(hand.force)))
+    still = scene.restless(tendon)
+    scene.near("force on the limb [N]", scene.world.wrench(limb)[:3], -hand.force, rel=0.01, absolute=still)
+    # Beside its attachment it rises from the limb by a tenth of its length, whatever the friction.
+    slack = still + 0.02 * np.linalg.norm(attached.force)
+    scene.capstan_range(tendon, mu + 0.1, slack, edges=True, wedges=True)
+    swings = np.abs(tendon._target.velocities).max() * scene.dt > 0.01 * radius
+    restless = max(pulls) - min(pulls)
+    message = f"the hand's force changes by {restless:.3g} N"
+    scene.check(swings or restless < 0.05 * max(pulls) + still, message)

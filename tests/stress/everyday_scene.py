@@ -645,6 +645,8 @@ class Scene:
         A tenth of it is allowed: between particles that touch, a chord is nearer than they are. The plane of
         a contact belongs to the place that was foreseen: over the way of one step, and at most over a radius,
         a surface can bend away from it. Near a bore's mouth, whose rim is sharp, another fifth of the radius.
+        At the arc s from where it is tied to the solid, at the distance d, it keeps d + s / 10 at least, once
+        that is outside; less a tenth of a segment, which has a contact where it is nearest.
         """
         for t in self.tendons:
             x = t.positions
@@ -655,12 +657,13 @@ class Scene:
                     continue
                 points = brute_force.subdivided(x, PARTS)
                 held = [h.particle for h in t.holds if getattr(h, "bodyUniqueId", None) == int(solid[0])]
-                beside = self._beside(held, x)
-                self._outside(t, points[~beside], solid, allowed, step)
+                beside, kept = self._beside(held, x), self._kept(t, held, x, solid)
+                self._outside(t, points[~beside], kept[~beside], solid, allowed, step)
 
-    def _outside(self, t, points, solid, allowed, step):
-        points = points[~self.drilled(points, *solid[:2])]
-        gap = self.gaps(points, solid) - t.radius
+    def _outside(self, t, points, kept, solid, allowed, step):
+        bone = ~self.drilled(points, *solid[:2])
+        points = points[bone]
+        gap = self.gaps(points, solid) - kept[bone]
         for where, reach in self.mouths():
             gap[np.linalg.norm(points - where, axis=1) < reach] += 0.2 * t.radius
         if len(gap):
@@ -673,6 +676,16 @@ class Scene:
         for k in held:
             near[max(PARTS * (k - 1), 0) : PARTS * (k + 1) + 1] = True
         return near
+
+    def _kept(self, t, held, x, solid):
+        """Distance that points of `subdivided(x, PARTS)` have to keep from the solid."""
+        lengths = np.linalg.norm(np.diff(x, axis=0), axis=1)
+        arcs = np.concatenate([[0], np.cumsum(np.repeat(lengths / PARTS, PARTS))])
+        kept = np.full(len(arcs), t.radius)
+        for k in held:
+            away = np.maximum(np.abs(arcs - arcs[PARTS * k]) - lengths.max(), 0)
+            kept = np.minimum(kept, self.gaps(x[k : k + 1], solid)[0] + 0.1 * away)
+        return np.where(kept < 0, -np.inf, kept)
 
     def gaps(self, points, solid):
         """Signed distances of points to a solid, as if it had no bores; in these, infinite."""

@@ -257,12 +257,22 @@ bool keep_distance(const Anchor& h, int link, const std::vector<Link>& links) {
   return h.link == link || (stays(h, links) && !links[link].yields());
 }
 
-Stretch touching_part(const Tendon& c, int k, int link, const std::vector<Link>& links) {
-  auto is_kept = [&](int particle) {
-    const Anchor* anchor = fixed_anchor(c, particle);
-    return anchor && keep_distance(*anchor, link, links);
-  };
-  return {is_kept(k) ? kLeastEndWeight : 0, is_kept(k + 1) ? 1 - kLeastEndWeight : 1};
+Stretch touching_part(const Tendon& c, int k, const std::vector<Departure>& departures) {
+  Stretch part;
+  for (const Departure& of : departures) {
+    const bool before = of.particle <= k;
+    double share = of.particle == k || of.particle == k + 1 ? kLeastEndWeight : 0.0;
+    const double below = kLeastKept * c.radius - of.distance;
+    if (below > 0) {
+      const double within = below / kParting - arc_to(c, of.particle, k, before ? 0 : 1);
+      share = std::max(share, within / c.rest[k]);
+    }
+    if (before)
+      part.from = std::max(part.from, share);
+    else
+      part.to = std::min(part.to, 1 - share);
+  }
+  return part;
 }
 
 double contact_distance(const SegmentPair& p, const PairPoint& at, const Tendon& a, const Tendon& b,
@@ -282,8 +292,9 @@ double contact_distance(const SegmentPair& p, const PairPoint& at, const Tendon&
   return apart;
 }
 
-double contact_distance(const Tendon& c, int k, double u, const Anchor& h, double d) {
-  return std::min(c.radius, d + kParting * arc_to(c, h.particle, k, u));
+double contact_distance(const Tendon& c, int k, double u, const Departure& from) {
+  if (from.distance >= c.radius) return c.radius;
+  return std::min(c.radius, from.distance + kParting * arc_to(c, from.particle, k, u));
 }
 
 }  // namespace bt

@@ -34,15 +34,25 @@ bool keep_distance(const Anchor& h, int link, const std::vector<Link>& links);
 // the anchor the distance is given, so that the nearer to it the contact, the larger the force would be that
 // turns the segment about it, without limit where the anchor is at the surface.
 constexpr double kLeastEndWeight = 0.25;
-// The part of segment k that can touch a link: away from an end that is anchored to it.
-Stretch touching_part(const Tendon& c, int k, int link, const std::vector<Link>& links);
+// Beside an anchor inside, it is outside where it keeps this share of its radius: a point in the surface
+// itself has no normal.
+constexpr double kLeastKept = 0.01;
+// A particle that is anchored to the link of a shape, or rests as that does; and its distance from the shape,
+// negative inside, if it is attached to that link and the distance matters, else infinite [m].
+struct Departure {
+  int particle;
+  double distance = HUGE_VAL;
+};
+// The part of segment k that can touch a shape from which the tendon departs: away from its ends that are
+// anchored, and outside. Empty (from >= to): none.
+Stretch touching_part(const Tendon& c, int k, const std::vector<Departure>& departures);
 // Distance of the centrelines of a pair in contact [m]: the sum of the radii, or less near anchors that are
 // nearer to each other than that (collision/broad_phase.cpp).
 double contact_distance(const SegmentPair& p, const PairPoint& at, const Tendon& a, const Tendon& b,
                         const std::vector<Link>& links);
 // Distance of the point u of segment k from a shape that it touches [m]: the radius, or less near an
-// attachment to the link of the shape that is nearer to it than that, d [m].
-double contact_distance(const Tendon& c, int k, double u, const Anchor& h, double d);
+// attachment to the link of the shape that is nearer to it than that.
+double contact_distance(const Tendon& c, int k, double u, const Departure& from);
 
 // Statistics of a search for pairs.
 struct PairCounts {

@@ -179,7 +179,8 @@ double bound_of(Vec3 from, Vec3 point) { return (1 + kRoundingShare) * norm(from
 
 // Decides for one feature between skipping, reusing, searching and querying.
 struct Considering {
-  const int particles;
+  const Tendon& tendon;
+  const std::vector<Departure>& departures;
   const Shape& shape;
   const Link& link;
   const Pose pose;
@@ -211,9 +212,9 @@ struct Considering {
       }
     }
     ++counts.queried;
-    if (context.surface && !e.known && query.feature >= particles) return queries.from_ends.push_back(query);
+    if (context.surface && !e.known && query.feature >= tendon.n()) return queries.from_ends.push_back(query);
     if (!shape.primitive) return queries.by_oracle.push_back(query);
-    const Primitive::Nearest found = shape.primitive.nearest(query.a, query.b);
+    const Primitive::Nearest found = nearest(query);
     answer(query, found.distance, found.point, found.u, pose, context, e);
   }
 
@@ -248,15 +249,58 @@ struct Considering {
     return context.surface->search(q.a, q.b, bound_of(last, e.asked.point));
   }
 
+  // Distance that a segment keeps from the shape at a point, where the tendon departs from the shape [m].
+  double kept(const Query& q, double u) const {
+    double least = HUGE_VAL;
+    for (const Departure& from : departures)
+      least = std::min(least, contact_distance(tendon, q.feature - tendon.n(), q.of.whole(u), from));
+    return least;
+  }
+
+  // Whether a segment keeps less distance at one end, near an attachment. Over an edge, that end may be
+  // nearer than the point that lacks most of what it keeps.
+  bool rises(const Query& q) const {
+    return q.feature >= tendon.n() && !departures.empty() && kept(q, 0) != kept(q, 1);
+  }
+
+  // Of a primitive. Over a round surface the contact point follows as the nearest.
+  Primitive::Nearest nearest(const Query& q) const {
+    auto at = [&](double u) { return (1 - u) * q.a + u * q.b; };
+    const Primitive::Nearest nearest = shape.primitive.nearest(q.a, q.b);
+    const Vec3 out = unit_or(at(nearest.u) - nearest.point, {});
+    if (!rises(q) || shape.primitive.round_at(nearest.point, out).radius > 0) return nearest;
+    auto lacks = [&](double u) { return shape.primitive.nearest(at(u), at(u)).distance - kept(q, u); };
+    double most = golden_section(0, 1, lacks);
+    for (const double end : {0.0, 1.0})
+      if (lacks(end) < lacks(most)) most = end;
+    const Primitive::Nearest found = shape.primitive.nearest(at(most), at(most));
+    return {found.distance, found.point, most};
+  }
+
   bool still_true(Entry& e, const Query& q, double moved) const {
     const Vec3 n = e.asked.normal;
     const double aside = std::max(norm(without(q.a - e.a, n)), norm(without(q.b - e.b, n)));
     if (aside * aside > 2 * (e.distance - moved) * context.reuse_tolerance) return false;
+    const double turned = std::fabs(dot(n, q.a - e.a) - dot(n, q.b - e.b));
+    if (turned > context.reuse_tolerance && rises(q)) return false;
     e.now = e.asked;
     e.clearance = e.distance - moved;
     return true;
   }
 };
+
+// Inside of a mesh, insertions make no contact anyway.
+void find_departures(const Tendon& tendon, const Shape& shape, const std::vector<Link>& links,
+                     NearCache& cache) {
+  cache.departures.clear();
+  for (const Anchor& h : tendon.anchors) {
+    if (!h.is_fixed() || !keep_distance(h, shape.link, links)) continue;
+    const Vec3 at = cache.local[h.particle];
+    cache.departures.push_back({h.particle});
+    if (shape.primitive && h.link == shape.link)
+      cache.departures.back().distance = shape.primitive.nearest(at, at).distance;
+  }
+}
 
 }  // namespace
 
@@ -292,7 +336,8 @@ void ask(const Tendon& tendon, int tendon_slot, const Shape& shape, int shape_sl
   if (cache.entries.size() != static_cast<size_t>(2 * n - 1)) cache.entries.assign(2 * n - 1, Entry{});
   cache.local = local;
   cache.way = way;
-  Considering consider{n, shape, link, pose, context, queries, counts};
+  find_departures(tendon, shape, *context.links, cache);
+  Considering consider{tendon, cache.departures, shape, link, pose, context, queries, counts};
   // In a bore its wall is felt, and before a mouth the edge of that.
   auto is_spared = [&](int feature, Bored bored) {
     return bored == Bored::within || (bored == Bored::ahead && !is_pressed(context, feature));
@@ -314,11 +359,12 @@ void ask(const Tendon& tendon, int tendon_slot, const Shape& shape, int shape_sl
           is_spared(n + i - 1, bored_between(tendon, i - 1, bored_before, bored, *context.bores)))
         ++counts.culled;
       else {
-        const Stretch of = touching_part(tendon, i - 1, shape.link, *context.links);
+        const Stretch of = touching_part(tendon, i - 1, cache.departures);
         const Vec3 along = here - last;
-        consider(cache.entries[n + i - 1],
-                 {tendon_slot, shape_slot, n + i - 1, last + of.from * along, last + of.to * along, of},
-                 most);
+        if (of.from < of.to)
+          consider(cache.entries[n + i - 1],
+                   {tendon_slot, shape_slot, n + i - 1, last + of.from * along, last + of.to * along, of},
+                   most);
       }
     }
     before = now;

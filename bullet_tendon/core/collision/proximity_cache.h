@@ -91,6 +91,7 @@ struct NearCache {
   std::vector<Vec3> way;       // predicted, of particles in this step relative to the shape, shape frame [m]
   std::vector<char> buried;    // particles of insertions in the shape, in this step; empty: none
   std::vector<Side> sides;     // of particles, of which it was asked last; empty: it never was
+  std::vector<Departure> departures;  // of the tendon from the shape
 };
 
 // Box around all that a tendon can touch in the substep, if what it touches rests [m].

@@ -58,6 +58,8 @@ struct Anchor {
   AnchorForce force;
   Line line;  // if it is one
 
+  // Whether it is an attachment or a rigid grip.
+  bool is_fixed() const { return (rigid || link >= 0) && !is_line; }
   // In a solution with the unknowns of its body: whether the body carries the particle, or a line pulls at
   // it.
   bool carries() const { return moves && !is_line; }

@@ -208,7 +208,7 @@ void Tendon::predict() {
 
 const Anchor* fixed_anchor(const Tendon& c, int particle) {
   for (const Anchor& h : c.anchors)
-    if ((h.rigid || h.link >= 0) && !h.is_line && h.particle == particle) return &h;
+    if (h.is_fixed() && h.particle == particle) return &h;
   return nullptr;
 }
 

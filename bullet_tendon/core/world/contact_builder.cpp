@@ -6,6 +6,7 @@
 #include <type_traits>
 #include <vector>
 
+#include "math/rounding.h"
 #include "solver/assembly.h"
 #include "world/world.h"
 
@@ -123,16 +124,17 @@ double stiffness_of_arc(const Tendon& c, int i, Vec3 normal) {
   return 0.5 * turn * turn * (c.structure.slope[i - 1] + c.structure.slope[i]);
 }
 
-// Whether a shape is nearer to the part of segment k that can touch it than to the segment's ends, which have
-// contacts of their own where they belong to that part.
-bool bulges(const NearCache& cache, int n, int k, double radius, const Stretch& part) {
+// Whether the part of segment k that can touch a shape is nearer to what it keeps than the segment's ends,
+// which have contacts of their own where they belong to that part. kept: of the segment's point u [m].
+template <class Kept>
+bool bulges(const NearCache& cache, int n, int k, double radius, const Stretch& part, Kept kept) {
   const Plane& e = cache.entries[n + k].now;
   if (e.u <= 1e-6 || e.u >= 1 - 1e-6) return false;
   auto height = [](const Plane& at, Vec3 x) { return dot(at.normal, x - at.point); };
   const Vec3 a = cache.local[k], b = cache.local[k + 1];
-  const double inside = height(e, (1 - e.u) * a + e.u * b) + kNoBulge * radius;
+  const double inside = height(e, (1 - e.u) * a + e.u * b) - kept(e.u) + kNoBulge * radius;
   auto touches = [&](int i) {
-    return cache.entries[i].wanted && height(cache.entries[i].now, cache.local[i]) <= inside;
+    return cache.entries[i].wanted && height(cache.entries[i].now, cache.local[i]) - kept(i - k) <= inside;
   };
   return !(part.from == 0 && touches(k)) && !(part.to == 1 && touches(k + 1));
 }
@@ -479,8 +481,8 @@ double World::distance_to_keep(const SegmentPoint& spot, const ContactKey& key) 
   double apart = c.radius;
   for (const Anchor& h : c.anchors)
     if (h.link == shape.link && !h.is_line)
-      apart =
-          std::min(apart, contact_distance(c, spot.first, spot.w1, h, distance_from(shape, key, h.particle)));
+      apart = std::min(apart, contact_distance(c, spot.first, spot.w1,
+                                               {h.particle, distance_from(shape, key, h.particle)}));
   return apart;
 }
 
@@ -494,6 +496,9 @@ double World::distance_from(const Shape& shape, const ContactKey& key, int parti
            shape.plane_offset;
   }
   const NearCache& cache = detection_.caches[key.tendon][key.other];
+  if (shape.primitive)
+    for (const Departure& from : cache.departures)
+      if (from.particle == particle) return from.distance;
   const Entry& e = cache.entries[particle];
   if (!e.known) return e.inside ? 0 : HUGE_VAL;
   const bool buried = !cache.buried.empty() && cache.buried[particle];
@@ -701,7 +706,7 @@ void World::bone_contacts(int tendon, int s) {
     if (!e.wanted) continue;
     const bool segment = f >= n;
     const ContactKey key{ContactKind::bone, tendon, f, s};
-    const Stretch part = segment ? touching_part(c, f - n, shape.link, scene.links) : Stretch{};
+    const Stretch part = segment ? touching_part(c, f - n, cache.departures) : Stretch{};
     const std::vector<Plane> ends =
         segment ? ends_along(cache, shape, surface, c, f - n, part, end) : std::vector<Plane>{};
     for (int k = 0; k < static_cast<int>(ends.size()); ++k) {
@@ -711,7 +716,8 @@ void World::bone_contacts(int tendon, int s) {
       both_sides(at, key, 2 * (k + 1), beside, across_valley(e, surface, ahead, ahead, ends[k], c.radius),
                  end);
     }
-    if (segment && !bulges(cache, n, f - n, c.radius, part) && !will_bulge(cache, shape, c, f - n, end))
+    const auto kept = [&](double u) { return distance_to_keep({tendon, f - n, 1 - u, u}, key); };
+    if (segment && !bulges(cache, n, f - n, c.radius, part, kept) && !will_bulge(cache, shape, c, f - n, end))
       continue;
     const SegmentPoint at =
         segment ? SegmentPoint{tendon, f - n, 1 - e.now.u, e.now.u} : particle_of(c, tendon, f);
@@ -748,11 +754,14 @@ void World::bone_contact(const SegmentPoint& spot, const ContactKey& key, const 
   contact.a = spot;
   const Vec3 segment = c.x.at(spot.first + 1) - c.x.at(spot.first);
   const bool round = surface.radius > 0 && is_across(surface, segment, c.radius);
-  if (round && key.feature >= c.n()) {
-    contact.geometry.slides = touching_part(c, spot.first, shape.link, scene.links);
-    contact.slide_to(contact.a.w1);  // its plane can be older than an anchor
+  if (key.feature >= c.n()) {
+    contact.geometry.slides =
+        touching_part(c, spot.first, detection_.caches[key.tendon][key.other].departures);
+    contact.slide_to(contact.a.w1);
   }
-  const double kept = distance_to_keep(contact.a, key) + options.contact_threshold;
+  const double apart = distance_to_keep(contact.a, key), kept = apart + options.contact_threshold;
+  // It may be inside, on its way out from an attachment. There, no face of a solid is the one to leave it by.
+  if (shape.primitive && apart < -kRoundingShare * c.radius) return;
   contact.geometry.normal = surface.normal;
   contact.geometry.offset = dot(surface.normal, surface.point) + kept;
   if (round)
