@@ -247,6 +247,42 @@ def test_two_jaws_come_to_rest_on_a_stiff_cord(make_world, client, mass, force):
     np.testing.assert_allclose([abs(world.wrench(jaws, k)[1]) for k in (0, 1)], force, rtol=0.02)
 
 
+@pytest.mark.parametrize("position", [False, True])
+@pytest.mark.parametrize(
+    ("dt", "mass", "force", "slack"), [(0.0115, 5.5, 4.0, 0.05), (1 / 240, 1.0, 20.0, 0.1)]
+)
+def test_two_jaws_that_swing_on_a_cord_press_it_steadily(
+    make_world, client, dt, mass, force, slack, position
+):
+    """Their motors are at their limits: one pushes its jaw faster, or the other one is pushed back slower."""
+    world = make_world(dt)
+    shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.02, 0.01, 0.02], physicsClientId=client)
+    places, axes = [(0, -0.015, 0), (0, 0.015, 0)], [(0, 1, 0), (0, -1, 0)]
+    jaws = links_on_joints(client, p.JOINT_PRISMATIC, [mass] * 2, axes, shape, places)
+    world.add_obstacle(jaws)
+    material = bt.Material(stiffness=1500.0, exponent=2.0, toe_strain=0.05, tension_only=True, friction=0.5)
+    t = world.add_tendon([(-0.05, 0, 0), (0.05, 0, 0)], 0.0017, material, 49, rest_length=0.1 / (1 + slack))
+    t.grip(0), t.grip(-1)
+    goals = [{"controlMode": p.VELOCITY_CONTROL, "targetVelocity": 0.05}] * 2
+    if position:
+        goals[1] = {"controlMode": p.POSITION_CONTROL, "targetPosition": 0.005}
+    for k, goal in enumerate(goals):
+        p.setJointMotorControl2(jaws, k, force=force, physicsClientId=client, **goal)
+    pushed = []
+    for k in range(400):
+        if k == 100:
+            for jaw, side in enumerate((1, -1)):  # both of them aside
+                at = p.getJointState(jaws, jaw, client)[0]
+                p.resetJointState(jaws, jaw, at, 0.02 * side, physicsClientId=client)
+        world.step()
+        assert world.report.converged
+        if k >= 130 and all(p.getJointState(jaws, k, client)[3] == pytest.approx(force) for k in (0, 1)):
+            pushed.append(np.mean([abs(world.wrench(jaws, k)[1]) for k in (0, 1)]))
+    assert len(pushed) > 200
+    # In others, a motor was found to have a farther aim.
+    assert np.mean(np.abs(np.divide(pushed, force) - 1) < 0.01) > 0.95
+
+
 @pytest.mark.parametrize("start", [8.1, 8.5, 8.9])
 @pytest.mark.parametrize(
     ("kind", "way", "force", "mass", "n", "dt", "stiffness"),

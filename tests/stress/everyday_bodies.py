@@ -364,9 +364,8 @@ def struts(scene):
     for body, ends in rods:
         for end in ends:
             for _ in range(scene.whole(1, 3)):
-                other, far = scene.pick((None, end + scene.flat(0.05, 0.3) * scene.direction()), *rods)
-                if other is body:
-                    continue
+                others = [found for found in rods if found[0] is not body]
+                other, far = scene.pick((None, end + scene.flat(0.05, 0.3) * scene.direction()), *others)
                 place = far if other is None else scene.pick(*far)
                 tie(scene, body, end, other, place, material, 1 - scene.flat(0, 0.05))
         strike(scene, body, scene.flat(0, 2), scene.flat(0, 30))
@@ -569,9 +568,9 @@ def arm(scene):
     if np.abs(motors[:, 0] - before).max() > 20e-5:  # it is not at rest
         return
     # At the same time steps pybullet's motors answer a force given by hand: only that is theirs to tell.
-    origin, axes = scene.place(robot, count - 1)
-    where, force = [rounded(v.tolist()) for v in (origin + axes @ hold.position, hold.force)]
-    push = f"p.applyExternalForce({robot.text}, {count - 1}, {force!r}, {where!r}, p.WORLD_FRAME)"
+    where, force = [rounded(v.tolist()) for v in (hold.position, hold.force)]
+    place = f"p.multiplyTransforms(*p.getLinkState({robot.text}, {count - 1})[4:6], {where!r}, [0, 0, 0, 1])[0]"
+    push = f"p.applyExternalForce({robot.text}, {count - 1}, {force!r}, {place}, p.WORLD_FRAME)"
     scene.code("for k in range(20):\n    " + push + "\n    p.stepSimulation()")
     by_hand = joints(scene, robot)
     scene.near("hinges under the tendon [rad]", motors[:, 0], by_hand[:, 0], absolute=1e-4 + 20 * 2e-5)
@@ -764,8 +763,9 @@ def gripped(scene):
     # Nothing holds a cord that lies loosely between two jaws to the middle.
     ways = sum(scene.raw.getJointState(body, k)[0] for k in range(len(jaws)))
     scene.near("way of the jaws [m]", ways, 2 * radius * len(jaws), absolute=0.01 * radius * len(jaws))
-    for k in range(len(jaws)):
-        scene.near("force of a jaw [N]", abs(scene.world.wrench(body, k)[1]), force, rel=0.02)
+    # Two may swing together on the cord: what one of them gives to it, the other one lacks.
+    given = np.mean([abs(scene.world.wrench(body, k)[1]) for k in range(len(jaws))])
+    scene.near("mean force of the jaws [N]", given, force, rel=0.02)
 
 
 @family

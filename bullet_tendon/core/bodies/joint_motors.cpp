@@ -20,6 +20,9 @@ bool is_greatest(const JointMotor& m, double force) {
   return std::fabs(force) >= (1 - kLeastNews) * m.greatest;
 }
 
+// Whether its aim is known: it is not where it pushes at its limit and went faster than was foreseen.
+bool is_aim_known(const JointMotor& m) { return std::fabs(m.aim) < kMostRate; }
+
 // The direction in which it pushed; of one that was switched off, in which it was to push.
 int direction(const JointMotor& m, double force) { return (force != 0 ? force : m.needed) > 0 ? 1 : -1; }
 
@@ -34,8 +37,10 @@ double missing_share(const JointMotor& m, double force) {
 // A change that is foreseen and one that comes may differ in sign: what is missing is up to twice a change.
 bool is_at_limit(const JointMotor& m, double reached, double force) {
   const double off = direction(m, force) * (m.foreseen - reached);
-  if (!m.known || !m.solved || !(off > kSolverNoise)) return false;
-  if (is_same(force, m.force) || is_same(std::fabs(force), m.limit)) return true;
+  if (!m.known || !m.solved) return false;
+  if (is_same(std::fabs(force), m.limit)) return std::fabs(off) > kSolverNoise;
+  if (!(off > kSolverNoise) || !is_aim_known(m)) return false;
+  if (is_same(force, m.force)) return true;
   if (is_greatest(m, force)) return missing_share(m, force) > kLeastNews;
   const bool may_be_lower = m.side != 0 || (m.limit == kUnlimited && off > 2 * m.leap);
   return may_be_lower && missing_share(m, force) > kEvidence;
@@ -46,17 +51,19 @@ bool has_released(const JointMotor& m, double reached, double force) {
   return is_at_limit(m, reached, force) && missing_share(m, force) > kLeastNews;
 }
 
-void yield_at(JointMotor& m, double force) {
+// At its limit, it goes no faster than its aim: beyond the aim that was foreseen, it has another one.
+void yield_at(JointMotor& m, double reached, double force) {
   m.limit = m.greatest = std::fabs(force);
   m.side = direction(m, force);
-  m.aim = m.foreseen;
+  const bool beyond = m.side * (reached - m.foreseen) > kSolverNoise;
+  m.aim = beyond ? m.side * kMostRate : m.foreseen;
   m.gained = m.trend = 0;
 }
 
 void hold(JointMotor& m, double reached, double force, double dt) {
   const double before = m.gained, size = std::fabs(force);
   if (m.side == 0) m.leap = std::max(m.leap, std::fabs(reached - m.aim));
-  m.gained = (reached - m.aim) / dt;
+  m.gained = is_aim_known(m) ? (reached - m.aim) / dt : 0;
   m.trend = before * m.gained <= 0 ? 0 : std::fabs(before) < std::fabs(m.gained) ? before : m.gained;
   m.aim = reached;
   m.side = 0;
@@ -87,11 +94,11 @@ bool JointMotors::observe(const Numbers& reached, const Numbers& forces, double 
   for (size_t i = 0; i < all.size(); ++i) {
     JointMotor& m = all[i];
     if (has_released(m, reached[i], forces[i]))
-      yield_at(m, forces[i]);
+      yield_at(m, reached[i], forces[i]);
     else if (!m.known || forces[i] == 0)
       m = starting(reached[i], forces[i]);
     else if (is_at_limit(m, reached[i], forces[i]))
-      yield_at(m, forces[i]);
+      yield_at(m, reached[i], forces[i]);
     else
       hold(m, reached[i], forces[i], dt);
     m.force = forces[i];
