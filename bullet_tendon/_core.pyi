@@ -99,6 +99,7 @@ class Primitive:
 class Surface:
     def __init__(self, triangles: ArrayLike, /) -> None: ...  # corners (t, 3, 3)
     def crossed(self, a: ArrayLike, b: ArrayLike, /) -> NDArray[np.bool_]: ...
+    def nearest(self, a: ArrayLike, b: ArrayLike, /) -> _Floats: ...  # (k, 5): distance, u, surface point
 
 class SignedDistance:
     def __init__(self, vertices: ArrayLike, triangles: ArrayLike, /) -> None: ...

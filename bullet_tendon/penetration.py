@@ -20,6 +20,8 @@ END = 1e-6  # share of a segment at its ends that may touch a surface: a particl
 SAMPLES = np.linspace(0.0, 1.0, 9)  # of a segment that crosses a mesh, to find how deep it goes
 ROUNDS = 60  # of pushing out, after which there is no way out
 CLOSE = 0.1  # share of its length below which a segment that is pushed out is too short
+DEPARTING = 10  # radii from an attachment within which a tendon may be nearer than its radius
+NEARLY = 1e-3  # share of its radius by which a tendon that is pushed out may still be too near
 WAYS = 6  # directions tried for all that is inside together
 
 
@@ -58,6 +60,22 @@ class Obstacle(NamedTuple):
         found = penetrations(self.shape, (a - self.origin) @ self.axes, (b - self.origin) @ self.axes)
         return found._replace(normal=found.normal @ self.axes.T)
 
+    def overlapped(self, a, b, radius: float) -> Penetrations:
+        """By tendons of a radius [m] around segments a -> b (k, 3), world frame, that are outside themselves.
+
+        depth (k,) is that of the tendon's surface [m], and u (k,) where the segment is nearest.
+        """
+        rows = np.flatnonzero(self.gaps(a, b, radius) < radius)
+        a, b = (a[rows] - self.origin) @ self.axes, (b[rows] - self.origin) @ self.axes
+        if self.shape.half_space is not None:
+            u, depth, normal = _below(self.shape.half_space, a, b)
+            gap = -depth
+        else:
+            gap, point, u = _nearest(self.shape, a, b)
+            normal = (a + u[:, None] * (b - a) - point) / np.where(gap > 0.0, gap, 1.0)[:, None]
+        out = gap > TOUCH * radius
+        return Penetrations(rows[out], u[out], radius - gap[out], normal[out] @ self.axes.T)
+
     def gaps(self, a, b, most: float) -> np.ndarray:
         """(k,) distances of segments a -> b (k, 3), world frame [m]: beyond `most`, bounds from below.
 
@@ -70,8 +88,16 @@ class Obstacle(NamedTuple):
         beside = np.maximum(np.maximum(low - np.maximum(a, b), np.minimum(a, b) - high), 0.0)
         found = np.linalg.norm(beside, axis=1)
         near = np.flatnonzero(found < most)
-        found[near] = np.maximum(self.shape.measure(a[near], b[near])[0], 0.0)
+        found[near] = np.maximum(_nearest(self.shape, a[near], b[near])[0], 0.0)
         return found
+
+
+def _nearest(shape: Shape, a, b):
+    """As Shape.measure, but 0 where a segment crosses a mesh; the core searches that, not FCL."""
+    if shape.interior is None or not len(a):
+        return shape.measure(a, b)
+    distance, u, *point = shape.measured.nearest(a, b).T
+    return distance, np.transpose(point), u
 
 
 def penetrations(shape: Shape, a, b) -> Penetrations:
@@ -173,9 +199,47 @@ class Surroundings:
                 found.append((obstacle, rows._replace(segment=asked[rows.segment])))
         return found
 
+    def apart(self, line, radius: float, tied, links) -> tuple[np.ndarray, dict[tuple[int, int], float]]:
+        """A line (n, 3) that obstacles of these links push out, and by how much each overlaps it now [m].
+
+        None is pushed out beside the particles that are tied, which may be nearer than a radius [m].
+        """
+        arcs = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1)))
+        away = np.min([np.full(len(arcs), np.inf), *(np.abs(arcs - arcs[k]) for k in tied)], axis=0)
+        free = np.minimum(away[:-1], away[1:]) >= DEPARTING * radius
+        line, first = np.array(line, float), {}
+        nothing = np.zeros((1, 3))
+        for _ in range(ROUNDS):
+            found = self._overlapped(line, radius, free, links)
+            if not first:
+                first = {link: rows.depth.max() for link, rows in found}
+            if max((rows.depth.max() for _, rows in found), default=0.0) <= NEARLY * radius:
+                break
+            start, end = _shifts(found, len(line) - 1, 0.0)
+            line += _longer(np.vstack([start, nothing]), np.vstack([nothing, end]))
+        return line, first
+
+    def _overlapped(self, line, radius: float, free, links):
+        """By segments of a line that are free (n-1,), of which no bore has a part, and of which links."""
+        found, a, b = [], line[:-1], line[1:]
+        low, high = line.min(0) - radius, line.max(0) + radius
+        near = ((self._boxes[:, 0] <= high) & (self._boxes[:, 1] >= low)).all(1)
+        for obstacle in compress(self._obstacles, near):
+            link = obstacle.bodyUniqueId, obstacle.linkIndex
+            if not links(*link):
+                continue
+            asked = np.flatnonzero(free & ~self._bores.hold(*link, a, b))
+            rows = obstacle.overlapped(a[asked], b[asked], radius)
+            if len(rows.segment):
+                found.append((link, rows._replace(segment=asked[rows.segment])))
+        return found
+
     def cleared(self, line, radius: float, inside: str) -> np.ndarray:
         """The line (n, 3), pushed out if so wanted; InvalidValue where it is inside an obstacle."""
-        line = self.pushed_out(line, radius) if inside == "push_out" else line
+        if inside == "push_out":
+            line = self.pushed_out(line, radius)
+            inserted = [k for k in (0, -1) if self.gaps(line[[k, k]], radius)[0] < radius]
+            line = self.apart(line, radius, inserted, lambda *link: True)[0]
         for obstacle, rows in self.penetrated(line[:-1], line[1:]):
             link = f"body {obstacle.bodyUniqueId}, link {obstacle.linkIndex}"
             way = ", or with a short way out of them" if inside == "push_out" else ""

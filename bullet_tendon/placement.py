@@ -16,6 +16,7 @@ from .penetration import Obstacle, Penetrations, Surroundings
 from .tunnels import Bores, Tunnel, passes
 
 MOST_ERROR = 1.0  # of a tension, that a warning tells [-]
+STRETCHED = 1e-3  # of its length, by which obstacles may stretch a tendon without a warning
 UNSEEN = 0.1  # of its radius, by which a centreline may begin inside an obstacle without a warning
 
 
@@ -27,6 +28,7 @@ class Placement:
         self._tendons, self._tunnels = tendons, tunnels
         self._told: set[tuple[int, int, int]] = set()  # slot, body, link
         self.new: set[int] = set()  # slots of tendons to look at before the next step
+        self.added: set[int] = set()  # of these, those that have been added
 
     def require_clearance(self, argument: str, value, line, radius: float, tendon=None) -> None:
         """Raise InvalidValue where a centreline (n, 3) of this radius [m] is in a bore that is not wider.
@@ -78,29 +80,41 @@ class Placement:
         """A tendon has been removed."""
         self._told = {told for told in self._told if told[0] != slot}
         self.new.discard(slot)
+        self.added.discard(slot)
 
     def look(self) -> None:
         """An InsideWarning for each new tendon and each link that it is inside of and not attached to there.
 
+        One that was added and begins so near to its obstacles that they stretch it is told of as well.
         Raises UnknownId where a body was removed that something here refers to.
         """
         if not self.new:
             return
         tendons = [self._tendons[slot] for slot in sorted(self.new)]
+        added = set(self.added)
         self.new.clear()
+        self.added.clear()
         if not self._obstacles:
             return
         self._bodies.require_alive()
         bores = Bores(tuple(self._tunnels.values()), self._bodies.frame)
         around = Surroundings(self._obstacles.placed(), bores)
         for tendon in tendons:
-            line = tendon.positions
-            for obstacle, rows in around.penetrated(line[:-1], line[1:]):
-                key = (tendon._slot, obstacle.bodyUniqueId, obstacle.linkIndex)
-                depth = _depth_inside(tendon, line, obstacle, rows)
-                if key not in self._told and depth > UNSEEN * tendon.radius and tendon._may_meet(*key[1:]):
-                    self._told.add(key)
-                    warn(InsideWarning(_message(tendon, obstacle, depth)))
+            inside = self._tell_inside(tendon, around)
+            if tendon._slot in added and tendon.collides and not inside:
+                _tell_stretched(tendon, around)
+
+    def _tell_inside(self, tendon, around: Surroundings) -> bool:
+        """Whether a tendon is inside anything."""
+        line = tendon.positions
+        found = around.penetrated(line[:-1], line[1:])
+        for obstacle, rows in found:
+            key = (tendon._slot, obstacle.bodyUniqueId, obstacle.linkIndex)
+            depth = _depth_inside(tendon, line, obstacle, rows)
+            if key not in self._told and depth > UNSEEN * tendon.radius and tendon._may_meet(*key[1:]):
+                self._told.add(key)
+                warn(InsideWarning(_message(tendon, obstacle, depth)))
+        return bool(found)
 
     def tell_coarse(
         self, slot: int, particle: int, link: int, angle: float, sliding: float, bent: float, friction: float
@@ -144,6 +158,23 @@ def _message(tendon, obstacle: Obstacle, depth: float) -> str:
     return (
         f"tendon {tendon.name!r} {where} {link}, and is not attached to it there: "
         "it may be kept inside, and steps can take long (see add_tendon, inside=)"
+    )
+
+
+def _tell_stretched(tendon, around: Surroundings) -> None:
+    line = tendon.positions
+    tied = [hold.particle for hold in tendon.holds if isinstance(hold, Attachment)]
+    out, depths = around.apart(line, tendon.radius, tied, tendon._may_meet)
+    length, longer = (np.linalg.norm(np.diff(x, axis=0), axis=1).sum() for x in (line, out))
+    if longer <= (1.0 + STRETCHED) * length:
+        return
+    (body, link), depth = max(depths.items(), key=lambda found: found[1])
+    warn(
+        InsideWarning(
+            f"tendon {tendon.name!r} begins with segments {depth:.3g} m nearer to body {body}, link {link}, "
+            f"than its radius: pushed out, it is {100.0 * (longer / length - 1.0):.2g} % longer, and taut "
+            "(see add_tendon, inside='push_out')"
+        )
     )
 
 

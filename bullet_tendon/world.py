@@ -150,10 +150,11 @@ class TendonWorld(NotCopied):
             particles: resampled to that many, evenly by arc length; None: the points themselves.
             name: different from those of the world's other tendons; None: one is made up.
             inside: what to do about a centreline that begins inside an obstacle, bores excepted. "allow" it,
-                as for an insertion in a bone; "push_out" what is inside, the near way, until it clears the
-                surface by about the radius; or "error". The last two raise InvalidValue where anything is
-                (left) inside: see penetrations. The next step gives an InsideWarning for each link that it is
-                inside of then, and not attached to there.
+                as for an insertion in a bone; "push_out" what is inside or nearer than the radius, the near
+                way, until the segments clear the surface by about the radius, but beside ends that begin so
+                near; or "error". The last two raise InvalidValue where anything is (left) inside: see
+                penetrations. The next step gives an InsideWarning for each link that it is inside of then,
+                and not attached to there; and where obstacles are so near that they stretch it by 0.1 %.
             rest_length: length of its centreline without load [m], spread over the segments in proportion to
                 their lengths. The tendon starts where it is, under the tension that follows. None: it starts
                 without load.
@@ -205,6 +206,7 @@ class TendonWorld(NotCopied):
         tendon._world = weakref.proxy(self)
         self._tendons[slot] = tendon
         self._placement.new.add(slot)
+        self._placement.added.add(slot)
         return tendon
 
     def remove_tendon(self, tendon: Tendon) -> None:

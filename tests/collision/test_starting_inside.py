@@ -253,3 +253,66 @@ def test_a_urdfs_tendon(world, tmp_path):
     world.load_urdf(path, useFixedBase=True)
     (message,) = told(world)
     assert "'graft'" in message and "0.02 m deep" in message
+
+
+def coiled(world, body, per_turn, **more):
+    """A tendon along a helix at its radius from a cylinder along z: its chords are nearer."""
+    turn = np.linspace(0, 6 * np.pi, 3 * per_turn + 1)
+    helix = np.column_stack([np.cos(turn), np.sin(turn), 0.08 * turn - 0.75]) * (HALF + RADIUS)
+    return world.add_tendon(np.vstack([helix, helix[-1] + [0, 0.1, 0]]), RADIUS, ROPE, **more)
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.5])
+@pytest.mark.parametrize("per_turn", [12, 20])
+@pytest.mark.parametrize("kind", ["cylinder", "mesh"])
+def test_a_coil_that_begins_too_near(make_world, client, kind, per_turn, friction):
+    """It is told how much longer its obstacle makes it; pushed out, it begins without load."""
+    world = make_world()
+    if kind == "mesh":
+        angles = np.linspace(0, 2 * np.pi, 121)[:-1]
+        ring = HALF * np.column_stack([np.cos(angles), np.sin(angles)])
+        ends = [np.column_stack([ring, np.full(120, z)]) for z in (-HALF, HALF)]
+        k, ahead = np.arange(120), np.roll(np.arange(120), -1)
+        sides = [np.column_stack([k, ahead, ahead + 120]), np.column_stack([k, ahead + 120, k + 120])]
+        body = 0
+        add_mesh(world, client, np.vstack(ends), np.vstack(sides), friction=friction)
+    else:
+        body = body_of(client, kind)
+        world.add_obstacle(body, friction=friction)
+    t = coiled(world, body, per_turn)
+    coil = 3 * per_turn
+    lengths = np.linalg.norm(np.diff(t.positions, axis=0), axis=1)
+    (message,) = told(world, 1)
+    stretched = (1 / np.cos(np.pi / per_turn) - 1) * lengths[:coil].sum() / lengths.sum()
+    assert repr(t.name) in message and f"nearer to body {body}, link -1" in message
+    told_as = float(message.split(" % longer")[0].split()[-1])
+    assert told_as == pytest.approx(100 * stretched, rel=0.1)
+    load = t.tension.max()
+    world.remove_tendon(t)
+    t = coiled(world, body, per_turn, inside="push_out")
+    assert quiet(world, 1)
+    assert t.tension.max() < 0.01 * load
+    assert (
+        np.linalg.norm(0.5 * (t.positions[1:] + t.positions[:-1])[:coil, :2], axis=1).min()
+        > HALF + 0.99 * RADIUS
+    )
+
+
+def test_what_begins_too_near_on_a_plane_is_not_told(world, client):
+    """Pushed out, it is no longer."""
+    shape = p.createCollisionShape(p.GEOM_PLANE, planeNormal=[0, 0, 1], physicsClientId=client)
+    world.add_obstacle(p.createMultiBody(0, shape, physicsClientId=client))
+    line = [[-0.1, 0, 0.3 * RADIUS], [0.1, 0, 0.5 * RADIUS]]
+    world.add_tendon(line, RADIUS, ROPE, 21)
+    assert quiet(world)
+
+
+def test_what_is_attached_may_begin_nearer(world, client):
+    """Its end stays where it is, and it departs from there."""
+    body = body_of(client, "sphere")
+    world.add_obstacle(body)
+    line = [[HALF, 0, 0], [HALF, 0.02, 0], [0, 0.1, 0]]
+    t = world.add_tendon(line, RADIUS, ROPE, 31, inside="push_out")
+    t.attach(0, body)
+    np.testing.assert_allclose(t.positions[0], [HALF, 0, 0], atol=1e-12)
+    assert quiet(world)

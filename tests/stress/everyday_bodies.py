@@ -569,7 +569,9 @@ def arm(scene):
         return
     # At the same time steps pybullet's motors answer a force given by hand: only that is theirs to tell.
     where, force = [rounded(v.tolist()) for v in (hold.position, hold.force)]
-    place = f"p.multiplyTransforms(*p.getLinkState({robot.text}, {count - 1})[4:6], {where!r}, [0, 0, 0, 1])[0]"
+    place = (
+        f"p.multiplyTransforms(*p.getLinkState({robot.text}, {count - 1})[4:6], {where!r}, [0, 0, 0, 1])[0]"
+    )
     push = f"p.applyExternalForce({robot.text}, {count - 1}, {force!r}, {place}, p.WORLD_FRAME)"
     scene.code("for k in range(20):\n    " + push + "\n    p.stepSimulation()")
     by_hand = joints(scene, robot)

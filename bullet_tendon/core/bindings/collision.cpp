@@ -53,6 +53,17 @@ py::array_t<bool> crossed(const Surface& s, const std::vector<Vec3>& a, const st
   return found;
 }
 
+// Of segments a -> b (k, 3): rows of distance, 0 where it crosses the surface, u and surface point.
+py::array_t<double> nearest_to(const Surface& s, const std::vector<Vec3>& a, const std::vector<Vec3>& b) {
+  py::array_t<double> found({a.size(), size_t{5}});
+  for (size_t k = 0; k < a.size(); ++k) {
+    const Nearest at = s.search(a[k], b.at(k), HUGE_VAL);
+    const double row[] = {at.distance, at.u, at.point.x, at.point.y, at.point.z};
+    std::copy(std::begin(row), std::end(row), found.mutable_data(k, 0));
+  }
+  return found;
+}
+
 int add_shape(World& w, int link, Vec3 position, const Rot3& rotation, Vec3 lo, Vec3 hi, bool half_space,
               Vec3 normal, double offset, double friction, const std::shared_ptr<Surface>& surface,
               const std::shared_ptr<SignedDistance>& solid, const std::optional<Primitive>& primitive) {
@@ -106,7 +117,8 @@ double pressed_depth(const World& w) {
 void bind_collision(py::module_& m, GuardedWorld& world) {
   py::class_<Surface, std::shared_ptr<Surface>>(m, "Surface")
       .def(py::init<const std::vector<Triangle>&>())
-      .def("crossed", &crossed);
+      .def("crossed", &crossed)
+      .def("nearest", &nearest_to);
   py::class_<Primitive>(m, "Primitive")
       .def(py::init(&primitive_of))
       .def_property_readonly("corner", &corner_of)
