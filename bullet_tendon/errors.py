@@ -143,7 +143,9 @@ class StepWarning(RuntimeWarning):
 
 
 class InsideWarning(RuntimeWarning):
-    """A tendon that begins inside an obstacle, and is not attached there.
+    """A tendon that begins inside an obstacle, and is not attached there; or so near that it is stretched.
+
+    A polyline through points at a radius from a round surface begins too near: its segments are chords.
 
     Example:
         >>> import warnings
