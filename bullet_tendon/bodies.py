@@ -19,7 +19,7 @@ import pybullet as p
 from . import _core, checks
 from .constraints import Constraint, groups, read_constraints
 from .contacts import Contacts, bodies_of
-from .errors import InvalidValue, UnknownId
+from .errors import InertiaWarning, InvalidValue, UnknownId, warn
 from .generalized_bodies import (
     change_rates,
     exchange_wrench,
@@ -107,6 +107,7 @@ class Bodies:
         self._constraints: list[Constraint] = []  # of the user, as they were read last
         self._marks = Marks(client)
         self._mark_of: list[tuple[int, bytes]] = []
+        self._told: set[bytes] = set()  # marks of bodies of which it was told that they do not turn
         self._updated: set[bytes] = set()  # marks of bodies whose joints were updated
         self._unused: set[int] = set()
         self._external: list[tuple[int, int, tuple, tuple]] = []  # body, link, force, point
@@ -297,7 +298,23 @@ class Bodies:
             counts = {body: self._rates_of(body) for body in slots}
             self._movable = {body: count for body, count in counts.items() if count > 0}
             self._forget_others()
+            self._tell_unturned(marks)
         return self._bodies
+
+    def _tell_unturned(self, marks: dict[int, bytes]) -> None:
+        """An InertiaWarning for each body, of these marks, that pybullet moves and does not turn."""
+        for body, mark in marks.items():
+            info = p.getDynamicsInfo(body, -1, self.client)
+            if mark in self._told or not info[0] > 0.0 or any(info[2]):
+                continue
+            if p.getCollisionShapeData(body, -1, self.client):
+                self._told.add(mark)
+                warn(
+                    InertiaWarning(
+                        f"body {body} has a mass of {info[0]:g} kg and no inertia: pybullet does not turn it "
+                        "(see changeDynamics, localInertiaDiagonal=)"
+                    )
+                )
 
     def _forget_others(self) -> None:
         """What was learned of a body is not that of another one, or of more bodies."""

@@ -158,6 +158,18 @@ class InsideWarning(RuntimeWarning):
     """
 
 
+class InertiaWarning(RuntimeWarning):
+    """A body with mass and a shape that pybullet does not turn, since it gives it no inertia.
+
+    It gives none to a base whose shape is a mesh of triangles (GEOM_FORCE_CONCAVE_TRIMESH, or with indices).
+    changeDynamics(localInertiaDiagonal=) sets it. The first step that reads the body gives the warning.
+
+    Example:
+        >>> import warnings
+        >>> warnings.simplefilter("error", bt.InertiaWarning)  # a run in which all bodies that have mass turn
+    """
+
+
 class AttachmentWarning(RuntimeWarning):
     """A particle that is attached to a point farther away than its radius, to which the next step draws it.
 

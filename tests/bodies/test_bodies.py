@@ -1,5 +1,7 @@
 """Bodies: attachments at a link's own points, wrenches, and momentum of bodies and tendons together."""
 
+import warnings
+
 import numpy as np
 import pybullet as p
 import pytest
@@ -266,3 +268,28 @@ def test_bodies_are_listed_anew_once_after_one_was_removed(make_world, client):
     listed = world._bodies._generalized()
     world.step()
     assert world._bodies._generalized() is listed
+
+
+CORNERS = [[x, y, z] for x in (-0.1, 0.1) for y in (-0.1, 0.1) for z in (-0.1, 0.1)]
+FACES = "013 032 467 475 045 051 237 276 026 064 157 173".replace(" ", "")
+
+
+@pytest.mark.parametrize("mass", [0.0, 1.0])
+@pytest.mark.parametrize("kind", ["triangles", "with inertia", "hull", "no shape"])
+def test_a_body_that_pybullet_does_not_turn_is_told(make_world, client, kind, mass):
+    world = make_world()
+    mesh = {"vertices": CORNERS, "physicsClientId": client}
+    if kind != "hull":
+        mesh |= {"indices": [int(corner) for corner in FACES], "flags": p.GEOM_FORCE_CONCAVE_TRIMESH}
+    shape = -1 if kind == "no shape" else p.createCollisionShape(p.GEOM_MESH, **mesh)
+    body = p.createMultiBody(mass, shape, physicsClientId=client)
+    if kind == "with inertia":
+        p.changeDynamics(body, -1, localInertiaDiagonal=[0.01] * 3, physicsClientId=client)
+    t = world.add_tendon([(0, 0, 0.1), (0, 0, 0.3)], 0.001, bt.Material(stiffness=100.0), 5)
+    t.attach(0, body)
+    with warnings.catch_warnings(record=True) as given:
+        warnings.simplefilter("always")
+        world.step(3)
+    told = [str(warning.message) for warning in given if warning.category is bt.InertiaWarning]
+    assert len(told) == (kind == "triangles" and mass > 0)
+    assert all(f"body {body} has a mass of 1 kg and no inertia" in message for message in told)
