@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numeric>
+#include <vector>
 
 #include "math/rounding.h"
 #include "math/simd.h"
@@ -88,59 +90,76 @@ void product(int size, const Numbers& a, const Numbers& b, Numbers& c) {
 namespace {
 
 // The transposed factor, in the upper triangle of l: in its rows, the numbers of a step of the elimination
-// are neighbours. end: by row, where its numbers that are not zero end; unless it is null.
+// are neighbours. end: by row, where its numbers that are not zero end, and first: by column, where they
+// begin; unless both are null.
 template <class Size>
-BT_WITHIN inline void eliminate_rows(Size n, const double* a, double* __restrict l, int* end) {
+BT_WITHIN inline void eliminate_rows(Size n, const double* a, double* __restrict l, int* end, int* first) {
   for (int j = 0; j < n; ++j) {
     double* row = l + j * n;
-    for (int i = j; i < n; ++i) row[i] = a[i * n + j];
-    for (int k = 0; k < j; ++k) {
+    int to_row = n;
+    while (end && to_row > j + 1 && a[j * n + to_row - 1] == 0) --to_row;
+    for (int i = j; i < to_row; ++i) row[i] = a[j * n + i];
+    for (int k = first ? first[j] : 0; k < j; ++k) {
       const double* above = l + k * n;
       const double share = above[j];
       const int to = end ? end[k] : static_cast<int>(n);
       if (end && share == 0) continue;
+      to_row = std::max(to_row, to);
 #pragma GCC ivdep
       for (int i = j; i < to; ++i) row[i] -= above[i] * share;
     }
     const bool is_zero = !(row[j] > kFormRounding * a[j * n + j]);
     const double d = is_zero ? 1 : std::sqrt(row[j]);
-    for (int i = j; i < n; ++i) row[i] = is_zero ? 0 : row[i] / d;
+    for (int i = j; i < to_row; ++i) row[i] = is_zero ? 0 : row[i] / d;
     row[j] = is_zero ? 0 : d;
     if (!end) continue;
-    end[j] = n;
+    end[j] = to_row;
     while (end[j] > j && row[end[j] - 1] == 0) --end[j];
+    for (int i = end[j] - 1; i > j && first[i] > j; --i) first[i] = j;
+  }
+}
+
+// Puts the factor below the diagonal, and zeros above it. end: as above.
+template <class Size>
+inline void transpose(Size n, double* l, const int* end) {
+  for (int k = 0; k < n; ++k) {
+    for (int i = k + 1; i < (end ? end[k] : n); ++i) {
+      l[i * n + k] = l[k * n + i];
+      l[k * n + i] = 0;
+    }
   }
 }
 
 BT_VECTOR void eliminate(int n, const double* a, double* l) {
-  static thread_local std::vector<int> end;  // keeps its memory
+  static thread_local std::vector<int> end, first;  // keep their memory
   end.resize(n);
-  eliminate_rows(n, a, l, end.data());
+  first.resize(n);
+  std::iota(first.begin(), first.end(), 0);
+  std::fill(l, l + static_cast<size_t>(n) * n, 0.0);
+  eliminate_rows(n, a, l, end.data(), first.data());
+  transpose(n, l, end.data());
 }
 
 void eliminate(std::integral_constant<int, 6> rigid, const double* a, double* l) {
-  eliminate_rows(rigid, a, l, nullptr);
+  eliminate_rows(rigid, a, l, nullptr, nullptr);
+  transpose(rigid, l, nullptr);
 }
 
 }  // namespace
 
 void root(int size, const Numbers& a, Numbers& l) {
   l.resize(a.size());
-  of_size(size, [&](auto n) {
-    eliminate(n, a.data(), l.data());
-    for (int i = 0; i < n; ++i)
-      for (int k = 0; k < i; ++k) {
-        l[i * n + k] = l[k * n + i];
-        l[k * n + i] = 0;
-      }
-  });
+  of_size(size, [&](auto n) { eliminate(n, a.data(), l.data()); });
 }
 
 void forward(const Numbers& l, Numbers& x) {
   const int n = static_cast<int>(x.size());
   for (int i = 0; i < n; ++i) {
-    for (int k = 0; k < i; ++k) x[i] -= l[i * n + k] * x[k];
-    x[i] = l[i * n + i] > 0 ? x[i] / l[i * n + i] : 0;
+    const double* row = l.data() + i * n;
+    int k = 0;
+    while (k < i && row[k] == 0) ++k;
+    for (; k < i; ++k) x[i] -= row[k] * x[k];
+    x[i] = row[i] > 0 ? x[i] / row[i] : 0;
   }
 }
 
@@ -161,8 +180,9 @@ void solve(const Numbers& l, Numbers& x) {
   const int n = static_cast<int>(x.size());
   forward(l, x);
   for (int i = n - 1; i >= 0; --i) {
-    for (int k = i + 1; k < n; ++k) x[i] -= l[k * n + i] * x[k];
-    x[i] = l[i * n + i] > 0 ? x[i] / l[i * n + i] : 0;
+    const double* row = l.data() + i * n;
+    x[i] = row[i] > 0 ? x[i] / row[i] : 0;
+    for (int k = 0; k < i; ++k) x[k] -= row[k] * x[i];
   }
 }
 

@@ -336,11 +336,12 @@ BT_WITHIN inline void move_particle(const Band& a, int i, Panel& panel) {
     }
 }
 
-// As each_anchor, with the border of the tendon, and the arm at the end of the substep: what(tendon, border,
-// anchor, arm).
+// As each_anchor, of these tendons, with the border of the tendon, and the arm at the end of the substep:
+// what(tendon, border, anchor, arm).
 template <class Do>
-BT_WITHIN inline void each_column(Island& island, IsMeant is_meant, Do what) {
-  for (size_t k = 0; k < island.tendons.size(); ++k)
+BT_WITHIN inline void each_column(Island& island, const std::vector<int>& tendons, IsMeant is_meant,
+                                  Do what) {
+  for (int k : tendons)
     for (const Anchor& h : island.tendons[k]->anchors)
       if ((h.*is_meant)()) {
         const Link& link = island.bodies.link(h.link);
@@ -379,22 +380,21 @@ void find_spans(Island& island) {
   island.bodies.borders.resize(island.tendons.size());
   island.bodies.place_of.resize(island.slots->size());
   for (size_t k = 0; k < island.tendons.size(); ++k) {
+    const Tendon& c = *island.tendons[k];
     island.bodies.place_of[island.numbers[k]] = static_cast<int>(k);
     Border& border = island.bodies.borders[k];
-    const int n = island.tendons[k]->n();
-    border.marks.assign(n, 0);
+    border.marks.assign(c.n(), 0);
     border.carried = false;
-    border.first = n;
+    border.first = c.n();
     border.last = -1;
+    for (const Anchor& h : c.anchors) {
+      if (h.pulls()) mark(border, c, h.particle, h.particle);
+      if (!h.carries()) continue;
+      border.carried = true;
+      border.marks[h.particle] |= kCarried;
+      mark(border, c, h.particle - c.matrix.half, h.particle + c.matrix.half);
+    }
   }
-  each_column(island, &Anchor::carries, [](Tendon& c, Border& border, const Anchor& h, Vec3) {
-    border.carried = true;
-    border.marks[h.particle] |= kCarried;
-    mark(border, c, h.particle - c.matrix.half, h.particle + c.matrix.half);
-  });
-  each_column(island, &Anchor::pulls, [](Tendon& c, Border& border, const Anchor& h, Vec3) {
-    mark(border, c, h.particle, h.particle);
-  });
   for (const Contact* contact : island.acting) {
     if (contact->moves) mark(island, contact->a);
     if (contact->b.tendon < 0) continue;
@@ -404,28 +404,106 @@ void find_spans(Island& island) {
   for (Border& border : island.bodies.borders) list_marks(border);
 }
 
+// What acts on what, in an island.
+struct Graph {
+  std::vector<std::vector<int>> tendons;                        // by link
+  std::vector<std::vector<int>> links, partners, contacts;      // by tendon; contacts: of its segments
+  std::vector<int> known_tendons, known_links, known_contacts;  // the last panel that has them
+};
+
+void connect(const Island& island, Graph& graph) {
+  const size_t tendons = island.tendons.size(), links = island.bodies.links->size();
+  graph.tendons.resize(std::max(links, graph.tendons.size()));
+  for (int l : island.bodies.carried) graph.tendons[l].clear();
+  for (auto* by_tendon : {&graph.links, &graph.partners, &graph.contacts}) {
+    by_tendon->resize(std::max(tendons, by_tendon->size()));
+    for (size_t k = 0; k < tendons; ++k) (*by_tendon)[k].clear();
+  }
+  auto join = [&](int tendon, int link) {
+    graph.tendons[link].push_back(tendon);
+    graph.links[tendon].push_back(link);
+  };
+  for (size_t k = 0; k < tendons; ++k)
+    for (const Anchor& h : island.tendons[k]->anchors)
+      if (h.carries() || h.pulls()) join(static_cast<int>(k), h.link);
+  for (size_t c = 0; c < island.acting.size(); ++c) {
+    const Contact& contact = *island.acting[c];
+    const int a = island.bodies.place_of[contact.a.tendon];
+    graph.contacts[a].push_back(static_cast<int>(c));
+    if (contact.moves) join(a, contact.link);
+    if (contact.b.tendon < 0) continue;
+    const int b = island.bodies.place_of[contact.b.tendon];
+    graph.partners[a].push_back(b);
+    graph.partners[b].push_back(a);
+  }
+  graph.known_tendons.assign(tendons, -1);
+  graph.known_links.assign(links, -1);
+  graph.known_contacts.assign(island.acting.size(), -1);
+}
+
+// Finds what each panel acts on, by the links of its bodies.
+void find_reaches(Island& island) {
+  static thread_local Graph graph;  // keeps its memory
+  connect(island, graph);
+  std::vector<PanelReach>& reaches = island.bodies.reaches;
+  reaches.resize((island.bodies.freedom + kLanes - 1) / kLanes);
+  for (PanelReach& reach : reaches)
+    for (auto* list : {&reach.moved, &reach.tendons, &reach.links, &reach.contacts}) list->clear();
+  for (int l : island.bodies.carried) {
+    const GeneralizedBody& m = island.bodies.body(island.bodies.link(l).body);
+    for (int p = m.unknowns.first / kLanes; p * kLanes < m.unknowns.first + m.n(); ++p)
+      reaches[p].moved.push_back(l);
+  }
+  for (size_t p = 0; p < reaches.size(); ++p) {
+    PanelReach& reach = reaches[p];
+    auto add = [p](std::vector<int>& to, std::vector<int>& known, const std::vector<int>& found) {
+      for (int i : found)
+        if (std::exchange(known[i], static_cast<int>(p)) != static_cast<int>(p)) to.push_back(i);
+    };
+    add(reach.links, graph.known_links, reach.moved);
+    for (int l : reach.moved) add(reach.tendons, graph.known_tendons, graph.tendons[l]);
+    for (size_t k = 0, near = reach.tendons.size(); k < near; ++k)
+      add(reach.tendons, graph.known_tendons, graph.partners[reach.tendons[k]]);
+    for (int k : reach.tendons) {
+      add(reach.links, graph.known_links, graph.links[k]);
+      add(reach.contacts, graph.known_contacts, graph.contacts[k]);
+    }
+    std::sort(reach.tendons.begin(), reach.tendons.end());
+    std::sort(reach.contacts.begin(), reach.contacts.end());
+  }
+}
+
 // Makes the columns of a panel zero, where they are not.
-void start_panel(Panel& panel, int n) {
+void start_panel(Panel& panel) {
   auto clear = [&](Columns& columns, bool& any) {
-    if (!columns.fits(n))
-      columns.resize(n);
-    else if (any)
+    if (any)
       for (int i : panel.pulled) columns.zero(i, i);
     any = false;
   };
   clear(panel.pulls, panel.pulls_any);
   clear(panel.moves, panel.moves_any);
-  if (!panel.answers.fits(n)) panel.answers.resize(n);
+}
+
+void start_panels(Island& island, size_t p) {
+  for (Border& border : island.bodies.borders) {
+    if (border.panels.size() <= p) border.panels.resize(p + 1);
+    start_panel(border.panels[p]);
+  }
+  for (int k : island.bodies.reaches[p].tendons) {
+    Panel& panel = island.bodies.borders[k].panels[p];
+    for (Columns* columns : {&panel.pulls, &panel.moves})
+      if (!columns->fits(island.tendons[k]->n())) columns->resize(island.tendons[k]->n());
+  }
 }
 
 // Sets the twists of links by the unknowns from `column` on.
-void move_links(Island& island, int column) {
+void move_links(Island& island, const PanelReach& reach, int column) {
   island.bodies.of_links.resize(island.bodies.links->size());
-  for (int l : island.bodies.carried) {
+  for (int l : reach.links) island.bodies.of_links[l] = {};
+  for (int l : reach.moved) {
     const Link& link = island.bodies.link(l);
     const GeneralizedBody& m = island.bodies.body(link.body);
     LinkColumns& of = island.bodies.of_links[l];
-    of = {};
     for (int k = 0; k < m.n(); ++k) {
       const int lane = m.unknowns.first + k - column;
       if (lane < 0 || lane >= kLanes) continue;
@@ -437,13 +515,15 @@ void move_links(Island& island, int column) {
 }
 
 BT_VECTOR void move_carried(Island& island, size_t p) {
-  each_column(island, &Anchor::carries, [&](Tendon& c, Border& border, const Anchor& h, Vec3 arm) BT_WITHIN {
-    if (!island.bodies.of_links[h.link].moves) return;
-    Panel& panel = border.panels[p];
-    panel.moves_any = panel.pulls_any = true;
-    place_at(island.bodies.of_links[h.link].twist, arm, panel.moves.at(h.particle));
-    move_particle(c.matrix, h.particle, panel);
-  });
+  const std::vector<int>& near = island.bodies.reaches[p].tendons;
+  each_column(island, near, &Anchor::carries,
+              [&](Tendon& c, Border& border, const Anchor& h, Vec3 arm) BT_WITHIN {
+                if (!island.bodies.of_links[h.link].moves) return;
+                Panel& panel = border.panels[p];
+                panel.moves_any = panel.pulls_any = true;
+                place_at(island.bodies.of_links[h.link].twist, arm, panel.moves.at(h.particle));
+                move_particle(c.matrix, h.particle, panel);
+              });
 }
 
 // The coupling of a segment with another one, or with a link, by the blocks of a contact's matrix outside the
@@ -460,7 +540,8 @@ BT_WITHIN inline Coupled coupled(const Border& border, Panel& panel, int first) 
 }
 
 BT_VECTOR void couple_contacts(Island& island, size_t p) {
-  for (size_t c = 0; c < island.acting.size(); ++c) {
+  const PanelReach& reach = island.bodies.reaches[p];
+  for (int c : reach.contacts) {
     const Contact& contact = *island.acting[c];
     const bool pair = contact.b.tendon >= 0;
     if (!pair && !contact.moves) continue;
@@ -486,7 +567,7 @@ BT_VECTOR void couple_contacts(Island& island, size_t p) {
         if (a.any) add(b.pulls[j], transposed(k.at(i, 2 + j)), a.moves[i]);
       }
   }
-  for (int l : island.bodies.carried) {
+  for (int l : reach.moved) {
     LinkColumns& link = island.bodies.of_links[l];
     if (!link.moves) continue;
     const ContactMatrix& k = island.bodies.link_blocks[l];
@@ -496,30 +577,33 @@ BT_VECTOR void couple_contacts(Island& island, size_t p) {
     add(link.load + 3, transposed(k.at(2, 3)), link.twist);
     add(link.load + 3, k.at(3, 3), link.twist + 3);
   }
-  each_column(island, &Anchor::carries, [&](Tendon&, Border& border, const Anchor& h, Vec3 arm) BT_WITHIN {
-    if (!border.panels[p].pulls_any) return;
-    island.bodies.of_links[h.link].loaded = true;
-    add_force(island.bodies.of_links[h.link].load, border.panels[p].pulls.at(h.particle), arm);
-  });
+  each_column(island, reach.tendons, &Anchor::carries,
+              [&](Tendon&, Border& border, const Anchor& h, Vec3 arm) BT_WITHIN {
+                if (!border.panels[p].pulls_any) return;
+                island.bodies.of_links[h.link].loaded = true;
+                add_force(island.bodies.of_links[h.link].load, border.panels[p].pulls.at(h.particle), arm);
+              });
 }
 
 BT_VECTOR void couple_lines(Island& island, size_t p) {
-  each_column(island, &Anchor::pulls, [&](Tendon&, Border& border, const Anchor& h, Vec3 arm) BT_WITHIN {
-    LinkColumns& link = island.bodies.of_links[h.link];
-    if (!link.moves) return;
-    Eight end[3], force[3] = {};
-    place_at(link.twist, arm, end);
-    add(force, full(h.line.block()), end);
-    border.panels[p].pulls_any = link.loaded = true;
-    for (int c = 0; c < 3; ++c) border.panels[p].pulls.at(h.particle)[c] -= force[c];
-    add_force(link.load, force, arm);
-  });
+  const std::vector<int>& near = island.bodies.reaches[p].tendons;
+  each_column(island, near, &Anchor::pulls,
+              [&](Tendon&, Border& border, const Anchor& h, Vec3 arm) BT_WITHIN {
+                LinkColumns& link = island.bodies.of_links[h.link];
+                if (!link.moves) return;
+                Eight end[3], force[3] = {};
+                place_at(link.twist, arm, end);
+                add(force, full(h.line.block()), end);
+                border.panels[p].pulls_any = link.loaded = true;
+                for (int c = 0; c < 3; ++c) border.panels[p].pulls.at(h.particle)[c] -= force[c];
+                add_force(link.load, force, arm);
+              });
 }
 
 // Adds the columns from `column` on to the corner, from the loads on links.
-BT_VECTOR void fill_corner(Island& island, int column) {
+BT_VECTOR void fill_corner(Island& island, const PanelReach& reach, int column) {
   const int n = island.bodies.freedom, count = std::min(kLanes, n - column);
-  for (int l : island.bodies.carried) {
+  for (int l : reach.links) {
     const Link& link = island.bodies.link(l);
     const GeneralizedBody& m = island.bodies.body(link.body);
     if (!island.bodies.of_links[l].loaded) continue;
@@ -556,10 +640,11 @@ void stiffen_turned(Island& island, bool definite) {
 }
 
 void project_anchors(Island& island, size_t p) {
-  for (size_t k = 0; k < island.tendons.size(); ++k)
+  for (int k : island.bodies.reaches[p].tendons)
     for (const Anchor& h : island.tendons[k]->anchors)
       if (h.rigid) island.bodies.borders[k].panels[p].pulls.zero(h.particle, h.particle);
-  for (const Contact* contact : island.contacts) {
+  for (int c : island.bodies.reaches[p].contacts) {
+    const Contact* contact = island.acting[c];
     if (!contact->normal_force.held) continue;
     Eight* f = border_of(island, contact->a).panels[p].pulls.at(particle_of(*contact));
     const Eight along = contact->geometry.normal.x * f[0] + contact->geometry.normal.y * f[1] +
@@ -580,20 +665,18 @@ void make_border(Island& island, bool definite) {
   stiffen_turned(island, definite);
   stiffen_by_elements(island, definite);
   find_spans(island);
-  for (size_t p = 0; p * kLanes < static_cast<size_t>(n); ++p) {
+  find_reaches(island);
+  for (size_t p = 0; p < island.bodies.reaches.size(); ++p) {
+    const PanelReach& reach = island.bodies.reaches[p];
     const int column = static_cast<int>(p) * kLanes;
-    for (size_t k = 0; k < island.tendons.size(); ++k) {
-      if (island.bodies.borders[k].panels.size() <= p) island.bodies.borders[k].panels.resize(p + 1);
-      start_panel(island.bodies.borders[k].panels[p], island.tendons[k]->n());
-    }
-    move_links(island, column);
+    start_panels(island, p);
+    move_links(island, reach, column);
     move_carried(island, p);
     couple_contacts(island, p);
     couple_lines(island, p);
-    fill_corner(island, column);
+    fill_corner(island, reach, column);
     project_anchors(island, p);
-    for (Border& border : island.bodies.borders)
-      if (border.panels[p].pulls_any) border.panels[p].pulled = border.pulled;
+    for (int k : reach.tendons) island.bodies.borders[k].panels[p].pulled = island.bodies.borders[k].pulled;
   }
 }
 
@@ -607,11 +690,14 @@ int count_of(const Island& island, size_t panel) {
   return std::min(kLanes, island.bodies.freedom - first_of(panel));
 }
 
-// C^T A^-1 C, with the columns of panel p and the rows of panel q.
-BT_VECTOR void multiply_answers(const Island& island, size_t p, size_t q, Eight* out) {
+// C^T A^-1 C, with the columns of panel p and the rows of panel q. Returns whether it may be other than zero.
+BT_VECTOR bool multiply_answers(const Island& island, size_t p, size_t q, Eight* out) {
   Eight sums[kLanes] = {};
-  for (const Border& border : island.bodies.borders) {
+  bool any = false;
+  for (int k : island.bodies.reaches[q].tendons) {
+    const Border& border = island.bodies.borders[k];
     if (!border.panels[q].pulls_any || !border.panels[p].answered) continue;
+    any = true;
     for (int i : border.pulled)
       for (int c = 0; c < 3; ++c) {
         const Eight pull = border.panels[q].pulls.at(i)[c], answer = border.panels[p].answers.at(i)[c];
@@ -619,11 +705,12 @@ BT_VECTOR void multiply_answers(const Island& island, size_t p, size_t q, Eight*
       }
   }
   std::copy(sums, sums + kLanes, out);
+  return any;
 }
 
 // sum += C^T x, of the columns of panel p.
 BT_VECTOR void multiply_steps(const Island& island, size_t p, Which x, Eight& sum) {
-  for (size_t k = 0; k < island.bodies.borders.size(); ++k) {
+  for (int k : island.bodies.reaches[p].tendons) {
     const Border& border = island.bodies.borders[k];
     if (!border.panels[p].pulls_any) continue;
     for (int i : border.pulled)
@@ -646,7 +733,8 @@ BT_VECTOR void take_pulls(const Border& border, size_t p, const Eight& shares, F
 }  // namespace
 
 void take_column(Island& island, size_t p, int lane) {
-  for (size_t k = 0; k < island.tendons.size(); ++k)
+  for (Tendon* c : island.tendons) c->column.zero();
+  for (int k : island.bodies.reaches[p].tendons)
     for (int c = 0; c < 3; ++c)
       for (int i = 0; i < island.tendons[k]->n(); ++i)
         island.tendons[k]->column[c][i] = island.bodies.borders[k].panels[p].pulls.at(i)[c][lane];
@@ -661,7 +749,7 @@ void put_answer(Island& island, size_t p, int lane) {
 
 void take_complement(Island& island, size_t p, size_t q) {
   Eight sums[kLanes];
-  multiply_answers(island, p, q, sums);
+  if (!multiply_answers(island, p, q, sums)) return;
   auto entry = [&](int i, int j) -> double& {
     return island.bodies.corner[static_cast<size_t>(i) * island.bodies.freedom + j];
   };
@@ -684,7 +772,7 @@ void answer_bodies(Island& island, Which b) {
   for (size_t p = 0; first_of(p) < island.bodies.freedom; ++p) {
     Eight shares{};
     for (int j = 0; j < count_of(island, p); ++j) shares[j] = island.bodies.corner_side[first_of(p) + j];
-    for (size_t k = 0; k < island.tendons.size(); ++k)
+    for (int k : island.bodies.reaches[p].tendons)
       take_pulls(island.bodies.borders[k], p, shares, island.tendons[k]->column);
   }
 }

@@ -33,6 +33,14 @@ struct Border {
   bool carried = false;  // some of its particles are carried by bodies
 };
 
+// What the unknowns of a panel act on. The columns of all other tendons are zero.
+struct PanelReach {
+  std::vector<int> moved;    // links of its bodies
+  std::vector<int> tendons;  // of the island: those that `moved` carry, pull or touch, and what touches these
+  std::vector<int> links;    // `moved`, and those on which these tendons act
+  std::vector<int> contacts;  // acting ones, of these tendons
+};
+
 // Derivatives of the twist of a link by eight unknowns, and of the load on it.
 struct LinkColumns {
   Eight twist[6], load[6];
@@ -62,6 +70,7 @@ struct IslandBodies {
   // By tendon of the island: its border. By slot: the index of the tendon in the island. By link: its
   // columns.
   std::vector<Border> borders;
+  std::vector<PanelReach> reaches;  // by panel
   std::vector<int> place_of;
   std::vector<LinkColumns> of_links;
   std::vector<ContactMatrix> link_blocks;  // sums of the contacts' blocks, by link

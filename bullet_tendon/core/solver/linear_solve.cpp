@@ -124,7 +124,8 @@ void solve_coupled(Island& island, Which b, Which x, bool negative = false) {
 void answer_coupled(Island& island, size_t p) {
   Columns& all = island.matrix.right_hands;
   if (!all.fits(island.matrix.factor.blocks())) all.resize(island.matrix.factor.blocks());
-  for (size_t k = 0; k < island.tendons.size(); ++k) {
+  all.zero(0, island.matrix.factor.blocks() - 1);
+  for (int k : island.bodies.reaches[p].tendons) {
     const int first = island.matrix.offset[island.numbers[k]], n = island.tendons[k]->n();
     const Columns& pulls = island.bodies.borders[k].panels[p].pulls;
     std::copy(pulls.at(0), pulls.at(n), all.at(first));
@@ -246,8 +247,12 @@ bool apply_inverse(Island& island, const Options& o, Which b, Which x) {
 // Computes A^-1 C for the columns of panel p, at least in the blocks of the border.
 bool answer_columns(Island& island, const Options& o, size_t p) {
   const bool coupled = island.coupled || o.linear_solver == LinearSolver::pcg;
-  for (Border& border : island.bodies.borders)
-    border.panels[p].answered = coupled || border.panels[p].pulls_any;
+  for (size_t k = 0; k < island.tendons.size(); ++k) {
+    Panel& panel = island.bodies.borders[k].panels[p];
+    panel.answered = coupled || panel.pulls_any;
+    if (panel.answered && !panel.answers.fits(island.tendons[k]->n()))
+      panel.answers.resize(island.tendons[k]->n());
+  }
   if (o.linear_solver == LinearSolver::pcg) {
     const int columns = std::min(kLanes, island.bodies.freedom - static_cast<int>(p) * kLanes);
     for (int lane = 0; lane < columns; ++lane) {
@@ -261,7 +266,7 @@ bool answer_columns(Island& island, const Options& o, size_t p) {
     answer_coupled(island, p);
     return true;
   }
-  for (size_t k = 0; k < island.tendons.size(); ++k) {
+  for (int k : island.bodies.reaches[p].tendons) {
     Border& b = island.bodies.borders[k];
     if (b.panels[p].answered)
       island.tendons[k]->factor.solve(b.panels[p].pulls, b.first, b.last, b.panels[p].answers);
@@ -269,7 +274,7 @@ bool answer_columns(Island& island, const Options& o, size_t p) {
   return true;
 }
 
-size_t panels_of(const Island& island) { return (island.bodies.freedom + kLanes - 1) / kLanes; }
+size_t panels_of(const Island& island) { return island.bodies.reaches.size(); }
 
 // Whether the Schur complement is positive definite, by its Cholesky factor.
 bool is_definite(const Island& island) {
