@@ -4,7 +4,7 @@ import itertools
 import math
 
 import numpy as np
-from everyday_scene import G, Scene, family
+from everyday_scene import G, Scene, family, rounded
 
 AXLE = 2**-0.5, 0.0, 0.0, 2**-0.5  # turns z to -y: a cylinder about the y axis
 
@@ -512,3 +512,35 @@ def moving_post(scene):
     moving = f"p.resetBaseVelocity({post.text}, {speed!r}, [0, {spin!r}, 0])"
     scene.run(scene.steps, turned, line.format(post.text, speed, repr(scene.dt)), moving)
     scene.capstan_range(tendon, mu, scene.restless(tendon) + 0.02 * force, pull=(force, 0, 0))
+
+
+@family
+def yoyo(scene):
+    """A spool unwinds from its string, whose end a hand holds: it rolls, and its weight drives it."""
+    scene.begin(dt=scene.log(1 / 1000, 1 / 120))
+    size, mass, turns = scene.log(0.01, 0.06), scene.log(0.02, 20), scene.whole(2, 5)
+    radius, mu = rounded(size * scene.log(0.01, 0.06)), scene.flat(0.2, 0.8)
+    a, width = size + radius, 2.5 * turns * radius
+    # It does not tilt where the string leaves it.
+    inertia = rounded(0.5 * mass * size * size * scene.log(0.3, 3))
+    spool = scene.body("cylinder", (size, 4 * width), mass, turn=AXLE, friction=1.0)
+    scene.p.changeDynamics(spool, -1, localInertiaDiagonal=[1e3 * inertia, 1e3 * inertia, inertia])
+    per_turn, up = scene.whole(14, 30), scene.flat(2, 6) * a
+    angles = np.linspace(-2 * math.pi * turns, 0, per_turn * turns + 1)
+    inner = scene.pick(a, a / math.cos(math.pi / per_turn))
+    coil = np.c_[inner * np.cos(angles), width * angles / (2 * math.pi * turns), inner * np.sin(angles)]
+    rise = np.arange(1, max(2, round(up / (2 * math.pi * a / per_turn)))) * 2 * math.pi * a / per_turn
+    line = np.vstack([coil, np.c_[0 * rise + inner, 0 * rise, rise]])
+    material = scene.material(30 * mass * G, friction=mu, density=1000)
+    tendon = scene.world.add_tendon(rounded(line), radius, material, inside="push_out")
+    tendon.attach(0, spool)
+    tendon.grip(-1)
+    driven = G / (1 + inertia / (mass * a * a))
+    # Until a turn is left, or it spins at 80 rad/s: pybullet cuts off 100 rad/s.
+    way = min(1.4 * math.pi * a * (turns - 1), (80 * a) ** 2 / (2 * driven))
+    scene.run(min(600, max(20, round(math.sqrt(2 * way / driven) / scene.dt))))
+    motion, fallen = scene.raw.getBaseVelocity(spool), -scene.place(spool)[0][2]
+    share = tendon.length * math.pi * radius**2 * 1000 / mass
+    scene.near("rolling speed [m/s]", motion[0][2], motion[1][1] * a, rel=0.02 + chord_error(tendon, a))
+    right = -math.sqrt(2 * driven * max(0, fallen))
+    scene.near("speed of the fall [m/s]", motion[0][2], right, rel=0.03 + share + chord_error(tendon, a))
