@@ -13,6 +13,7 @@ namespace bt {
 class Columns {
  public:
   void resize(int blocks) { data_.assign(size_of(blocks), 0.0); }
+  bool empty() const { return data_.empty(); }
   bool fits(int blocks) const { return data_.size() == size_of(blocks); }
   // Blocks first to last.
   void zero(int first, int last) {

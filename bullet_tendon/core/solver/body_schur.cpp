@@ -534,6 +534,7 @@ struct Coupled {
 };
 
 BT_WITHIN inline Coupled coupled(const Border& border, Panel& panel, int first) {
+  if (panel.moves.empty()) return {};  // beyond the reach of the panel
   return {{panel.moves.at(first), panel.moves.at(first + 1)},
           {panel.pulls.at(first), panel.pulls.at(first + 1)},
           panel.moves_any && ((border.marks[first] | border.marks[first + 1]) & kCarried) != 0};
