@@ -199,10 +199,12 @@ class Surroundings:
                 found.append((obstacle, rows._replace(segment=asked[rows.segment])))
         return found
 
-    def apart(self, line, radius: float, tied, links) -> tuple[np.ndarray, dict[tuple[int, int], float]]:
-        """A line (n, 3) that obstacles of these links push out, and by how much each overlaps it now [m].
+    def without_overlap(self, line, radius: float, tied, meets) -> tuple[np.ndarray, dict]:
+        """A line (n, 3), outside, that is pushed a radius [m] away from obstacles; and the depths [m] of its
+        surface in them before, by (body, link).
 
-        None is pushed out beside the particles that are tied, which may be nearer than a radius [m].
+        None is pushed beside the particles that are tied, which may be nearer. meets: a function of body and
+        link, whether the tendon collides with it.
         """
         arcs = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1)))
         away = np.min([np.full(len(arcs), np.inf), *(np.abs(arcs - arcs[k]) for k in tied)], axis=0)
@@ -210,23 +212,24 @@ class Surroundings:
         line, first = np.array(line, float), {}
         nothing = np.zeros((1, 3))
         for _ in range(ROUNDS):
-            found = self._overlapped(line, radius, free, links)
+            found = self._overlapped(line, radius, free, meets)
             if not first:
-                first = {link: rows.depth.max() for link, rows in found}
+                for link, rows in found:
+                    first[link] = max(first.get(link, 0.0), rows.depth.max())
             if max((rows.depth.max() for _, rows in found), default=0.0) <= NEARLY * radius:
                 break
             start, end = _shifts(found, len(line) - 1, 0.0)
             line += _longer(np.vstack([start, nothing]), np.vstack([nothing, end]))
         return line, first
 
-    def _overlapped(self, line, radius: float, free, links):
+    def _overlapped(self, line, radius: float, free, meets):
         """By segments of a line that are free (n-1,), of which no bore has a part, and of which links."""
         found, a, b = [], line[:-1], line[1:]
         low, high = line.min(0) - radius, line.max(0) + radius
         near = ((self._boxes[:, 0] <= high) & (self._boxes[:, 1] >= low)).all(1)
         for obstacle in compress(self._obstacles, near):
             link = obstacle.bodyUniqueId, obstacle.linkIndex
-            if not links(*link):
+            if not meets(*link):
                 continue
             asked = np.flatnonzero(free & ~self._bores.hold(*link, a, b))
             rows = obstacle.overlapped(a[asked], b[asked], radius)
@@ -239,7 +242,7 @@ class Surroundings:
         if inside == "push_out":
             line = self.pushed_out(line, radius)
             inserted = [k for k in (0, -1) if self.gaps(line[[k, k]], radius)[0] < radius]
-            line = self.apart(line, radius, inserted, lambda *link: True)[0]
+            line = self.without_overlap(line, radius, inserted, lambda *link: True)[0]
         for obstacle, rows in self.penetrated(line[:-1], line[1:]):
             link = f"body {obstacle.bodyUniqueId}, link {obstacle.linkIndex}"
             way = ", or with a short way out of them" if inside == "push_out" else ""

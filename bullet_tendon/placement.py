@@ -164,7 +164,7 @@ def _message(tendon, obstacle: Obstacle, depth: float) -> str:
 def _tell_stretched(tendon, around: Surroundings) -> None:
     line = tendon.positions
     tied = [hold.particle for hold in tendon.holds if isinstance(hold, Attachment)]
-    out, depths = around.apart(line, tendon.radius, tied, tendon._may_meet)
+    out, depths = around.without_overlap(line, tendon.radius, tied, tendon._may_meet)
     length, longer = (np.linalg.norm(np.diff(x, axis=0), axis=1).sum() for x in (line, out))
     if longer <= (1.0 + STRETCHED) * length:
         return

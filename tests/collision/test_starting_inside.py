@@ -316,3 +316,19 @@ def test_what_is_attached_may_begin_nearer(world, client):
     t.attach(0, body)
     np.testing.assert_allclose(t.positions[0], [HALF, 0, 0], atol=1e-12)
     assert quiet(world)
+
+
+@pytest.mark.parametrize("below", [0.0, RADIUS])
+@pytest.mark.parametrize("kind", ["box", "sphere"])
+@pytest.mark.parametrize("n", [9, 41, 160])
+def test_what_leads_through_a_bore_is_not_pushed_away_from_its_mouths(world, client, kind, n, below):
+    """There is no surface, whatever the bone was before, also where the bore ends below it."""
+    body = body_of(client, kind)
+    world.add_obstacle(body)
+    way = np.array([0, 0, 1.0])
+    world.add_tunnel(body, -1, (below - HALF) * way, (HALF - below) * way, 1.3 * RADIUS, 0.1)
+    aside = [0.2 * RADIUS, 0, 0]
+    ends = np.array([-0.1 * way, 0.1 * way]) + aside
+    t = world.add_tendon(ends, RADIUS, ROPE, n, inside="push_out")
+    np.testing.assert_allclose(t.positions, np.linspace(*ends, n), atol=1e-12)
+    assert quiet(world, 1)
