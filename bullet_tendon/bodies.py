@@ -107,7 +107,9 @@ class Bodies:
         self._constraints: list[Constraint] = []  # of the user, as they were read last
         self._marks = Marks(client)
         self._mark_of: list[tuple[int, bytes]] = []
-        self._told: set[bytes] = set()  # marks of bodies of which it was told that they do not turn
+        self._told: set[tuple[bytes, int]] = (
+            set()
+        )  # marks and links of which it was told that they do not turn
         self._updated: set[bytes] = set()  # marks of bodies whose joints were updated
         self._unused: set[int] = set()
         self._external: list[tuple[int, int, tuple, tuple]] = []  # body, link, force, point
@@ -302,19 +304,27 @@ class Bodies:
         return self._bodies
 
     def _tell_unturned(self, marks: dict[int, bytes]) -> None:
-        """An InertiaWarning for each body, of these marks, that pybullet moves and does not turn."""
-        for body, mark in marks.items():
-            info = p.getDynamicsInfo(body, -1, self.client)
-            if mark in self._told or not info[0] > 0.0 or any(info[2]):
-                continue
-            if p.getCollisionShapeData(body, -1, self.client):
-                self._told.add(mark)
+        """An InertiaWarning for each base and link on a hinge, of bodies of these marks, without inertia."""
+        links = {(body, -1) for body in marks} | {self.links[slot] for slot in self._used()}
+        for body, link in sorted(links):
+            if (marks[body], link) not in self._told and self._is_unturned(body, link):
+                self._told.add((marks[body], link))
+                mass = p.getDynamicsInfo(body, link, self.client)[0]
+                what = f"body {body}, link {link} has a mass of {mass:g} kg and no inertia"
+                cure = "changeDynamics, localInertiaDiagonal="
                 warn(
-                    InertiaWarning(
-                        f"body {body} has a mass of {info[0]:g} kg and no inertia: pybullet does not turn it "
-                        "(see changeDynamics, localInertiaDiagonal=)"
-                    )
+                    InertiaWarning(f"{what}: pybullet does not turn it about its centre of mass (see {cure})")
                 )
+
+    def _is_unturned(self, body: int, link: int) -> bool:
+        """Whether it has mass and a shape and could turn, but for want of inertia."""
+        if link >= 0 and p.getJointInfo(body, link, self.client)[2] not in (
+            p.JOINT_REVOLUTE,
+            p.JOINT_SPHERICAL,
+        ):
+            return False
+        mass, _, inertia = p.getDynamicsInfo(body, link, self.client)[:3]
+        return mass > 0.0 and not any(inertia) and bool(p.getCollisionShapeData(body, link, self.client))
 
     def _forget_others(self) -> None:
         """What was learned of a body is not that of another one, or of more bodies."""

@@ -159,9 +159,9 @@ class InsideWarning(RuntimeWarning):
 
 
 class InertiaWarning(RuntimeWarning):
-    """A body with mass and a shape that pybullet does not turn, since it gives it no inertia.
+    """A base, or a link on a hinge, with mass and a shape, that pybullet does not turn for want of inertia.
 
-    It gives none to a base whose shape is a mesh of triangles (GEOM_FORCE_CONCAVE_TRIMESH, or with indices).
+    pybullet gives none to a mesh of triangles (GEOM_FORCE_CONCAVE_TRIMESH, or with indices).
     changeDynamics(localInertiaDiagonal=) sets it. The first step that reads the body gives the warning.
 
     Example:

@@ -5,6 +5,7 @@ import warnings
 import numpy as np
 import pybullet as p
 import pytest
+from link_scenes import links_on_joints
 
 import bullet_tendon as bt
 
@@ -274,22 +275,26 @@ CORNERS = [[x, y, z] for x in (-0.1, 0.1) for y in (-0.1, 0.1) for z in (-0.1, 0
 FACES = "013 032 467 475 045 051 237 276 026 064 157 173".replace(" ", "")
 
 
+@pytest.mark.parametrize("joint", [None, p.JOINT_REVOLUTE, p.JOINT_PRISMATIC])
 @pytest.mark.parametrize("mass", [0.0, 1.0])
 @pytest.mark.parametrize("kind", ["triangles", "with inertia", "hull", "no shape"])
-def test_a_body_that_pybullet_does_not_turn_is_told(make_world, client, kind, mass):
+def test_a_link_that_pybullet_does_not_turn_is_told(make_world, client, kind, mass, joint):
     world = make_world()
     mesh = {"vertices": CORNERS, "physicsClientId": client}
     if kind != "hull":
         mesh |= {"indices": [int(corner) for corner in FACES], "flags": p.GEOM_FORCE_CONCAVE_TRIMESH}
     shape = -1 if kind == "no shape" else p.createCollisionShape(p.GEOM_MESH, **mesh)
-    body = p.createMultiBody(mass, shape, physicsClientId=client)
+    if joint is None:
+        body, link = p.createMultiBody(mass, shape, physicsClientId=client), -1
+    else:
+        body, link = links_on_joints(client, joint, [mass], [(0, 0, 1)], shape, [(0, 0, 0)]), 0
     if kind == "with inertia":
-        p.changeDynamics(body, -1, localInertiaDiagonal=[0.01] * 3, physicsClientId=client)
+        p.changeDynamics(body, link, localInertiaDiagonal=[0.01] * 3, physicsClientId=client)
     t = world.add_tendon([(0, 0, 0.1), (0, 0, 0.3)], 0.001, bt.Material(stiffness=100.0), 5)
-    t.attach(0, body)
+    t.attach(0, body, link)
     with warnings.catch_warnings(record=True) as given:
         warnings.simplefilter("always")
         world.step(3)
     told = [str(warning.message) for warning in given if warning.category is bt.InertiaWarning]
-    assert len(told) == (kind == "triangles" and mass > 0)
-    assert all(f"body {body} has a mass of 1 kg and no inertia" in message for message in told)
+    assert len(told) == (kind == "triangles" and mass > 0 and joint != p.JOINT_PRISMATIC)
+    assert all(f"body {body}, link {link} has a mass of 1 kg and no inertia" in message for message in told)
