@@ -7,7 +7,9 @@
 // So it is a row of the complementarity problem of the body's stops (bodies/body_stops.cpp). pybullet
 // reports f, but neither aim nor limit. They are learned:
 //
-//   aim    Within its limit it was u. It goes on from there by what its last two changes have in common.
+//   aim    Within its limit it was u. It goes on from there by what its last two changes have in common. One
+//          that took its joint faster than that by its limit has an aim that is farther: it is taken to be
+//          out of reach until the motor gives less.
 //   limit  Not known until the motor yields: u is short of the foreseen aim, and f of the force for it. Until
 //          then it is taken for what shows whether the motor yields (BodyStops::bound_motor), and for
 //          infinite once that was withstood. If f is the largest of the motor so far, this is its limit. If
@@ -32,7 +34,7 @@ namespace bt {
 constexpr double kUnlimited = std::numeric_limits<double>::max();
 
 struct JointMotor {
-  double aim = 0;             // rate of the last step [rad/s], [m/s]
+  double aim = 0;             // rate of the last step [rad/s], [m/s]; +-kMostRate: out of reach
   double gained = 0;          // change of the aim in the last step over its length
   double trend = 0;           // what the last two have in common
   double leap = 0;            // largest change of the aim in a step, within the limit
