@@ -32,6 +32,7 @@ from .generalized_bodies import (
 
 _MOST_CLIENTS = 2**31 - 1  # what pybullet can be asked for
 _SOFT_BODY = 3  # type of a body in getDynamicsInfo
+_TURNING = p.JOINT_REVOLUTE, p.JOINT_SPHERICAL
 _WAKE = 0.5  # pybullet puts a body to sleep that was slow for 2 s [s]
 _KEY = "bullet_tendon"  # of the user data that marks a body
 _PROCESS = os.urandom(8).hex()
@@ -107,9 +108,7 @@ class Bodies:
         self._constraints: list[Constraint] = []  # of the user, as they were read last
         self._marks = Marks(client)
         self._mark_of: list[tuple[int, bytes]] = []
-        self._told: set[tuple[bytes, int]] = (
-            set()
-        )  # marks and links of which it was told that they do not turn
+        self._told: set[tuple[bytes, int]] = set()  # of which it was told that they do not turn
         self._updated: set[bytes] = set()  # marks of bodies whose joints were updated
         self._unused: set[int] = set()
         self._external: list[tuple[int, int, tuple, tuple]] = []  # body, link, force, point
@@ -311,17 +310,12 @@ class Bodies:
                 self._told.add((marks[body], link))
                 mass = p.getDynamicsInfo(body, link, self.client)[0]
                 what = f"body {body}, link {link} has a mass of {mass:g} kg and no inertia"
-                cure = "changeDynamics, localInertiaDiagonal="
-                warn(
-                    InertiaWarning(f"{what}: pybullet does not turn it about its centre of mass (see {cure})")
-                )
+                how = "pybullet does not turn it about its centre of mass"
+                warn(InertiaWarning(f"{what}: {how} (see changeDynamics, localInertiaDiagonal=)"))
 
     def _is_unturned(self, body: int, link: int) -> bool:
         """Whether it has mass and a shape and could turn, but for want of inertia."""
-        if link >= 0 and p.getJointInfo(body, link, self.client)[2] not in (
-            p.JOINT_REVOLUTE,
-            p.JOINT_SPHERICAL,
-        ):
+        if link >= 0 and p.getJointInfo(body, link, self.client)[2] not in _TURNING:
             return False
         mass, _, inertia = p.getDynamicsInfo(body, link, self.client)[:3]
         return mass > 0.0 and not any(inertia) and bool(p.getCollisionShapeData(body, link, self.client))

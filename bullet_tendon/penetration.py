@@ -65,16 +65,18 @@ class Obstacle(NamedTuple):
 
         depth (k,) is that of the tendon's surface [m], and u (k,) where the segment is nearest.
         """
-        rows = np.flatnonzero(self.gaps(a, b, radius) < radius)
-        a, b = (a[rows] - self.origin) @ self.axes, (b[rows] - self.origin) @ self.axes
+        a, b = (a - self.origin) @ self.axes, (b - self.origin) @ self.axes
         if self.shape.half_space is not None:
+            near = np.arange(len(a))
             u, depth, normal = _below(self.shape.half_space, a, b)
             gap = -depth
         else:
-            gap, point, u = _nearest(self.shape, a, b)
-            normal = (a + u[:, None] * (b - a) - point) / np.where(gap > 0.0, gap, 1.0)[:, None]
-        out = gap > TOUCH * radius
-        return Penetrations(rows[out], u[out], radius - gap[out], normal[out] @ self.axes.T)
+            near = np.flatnonzero(self._beside(a, b) < radius)
+            gap, point, u = _nearest(self.shape, a[near], b[near])
+            out = a[near] + u[:, None] * (b - a)[near] - point
+            normal = out / np.where(gap > 0.0, gap, 1.0)[:, None]
+        over = (gap > TOUCH * radius) & (gap < radius)
+        return Penetrations(near[over], u[over], radius - gap[over], normal[over] @ self.axes.T)
 
     def gaps(self, a, b, most: float) -> np.ndarray:
         """(k,) distances of segments a -> b (k, 3), world frame [m]: beyond `most`, bounds from below.
@@ -84,12 +86,16 @@ class Obstacle(NamedTuple):
         a, b = (a - self.origin) @ self.axes, (b - self.origin) @ self.axes
         if self.shape.half_space is not None:
             return np.maximum(-_below(self.shape.half_space, a, b)[1], 0.0)
-        low, high = self.shape.bounds
-        beside = np.maximum(np.maximum(low - np.maximum(a, b), np.minimum(a, b) - high), 0.0)
-        found = np.linalg.norm(beside, axis=1)
+        found = self._beside(a, b)
         near = np.flatnonzero(found < most)
         found[near] = np.maximum(_nearest(self.shape, a[near], b[near])[0], 0.0)
         return found
+
+    def _beside(self, a, b) -> np.ndarray:
+        """(k,) bounds from below of the distances of segments a -> b (k, 3), its frame: by its box [m]."""
+        low, high = self.shape.bounds
+        beside = np.maximum(np.maximum(low - np.maximum(a, b), np.minimum(a, b) - high), 0.0)
+        return np.linalg.norm(beside, axis=1)
 
 
 def _nearest(shape: Shape, a, b):
@@ -188,61 +194,52 @@ class Surroundings:
 
     def penetrated(self, a, b) -> list[tuple[Obstacle, Penetrations]]:
         """By segments a -> b (k, 3), world frame, of which no bore has a part, and of which obstacles."""
+        return self._found(a, b, 0.0, lambda obstacle, a, b: obstacle.penetrated(a, b))
+
+    def overlapped(self, a, b, radius: float) -> list[tuple[Obstacle, Penetrations]]:
+        """The same by tendons of a radius [m] around them: see Obstacle.overlapped."""
+        return self._found(a, b, radius, lambda obstacle, a, b: obstacle.overlapped(a, b, radius))
+
+    def _found(self, a, b, reach: float, rows_of) -> list[tuple[Obstacle, Penetrations]]:
         found = []
-        low, high = np.minimum(a, b).min(0), np.maximum(a, b).max(0)
+        low, high = np.minimum(a, b).min(0) - reach, np.maximum(a, b).max(0) + reach
         near = ((self._boxes[:, 0] <= high) & (self._boxes[:, 1] >= low)).all(1)
         for obstacle in compress(self._obstacles, near):
             link = obstacle.bodyUniqueId, obstacle.linkIndex
             asked = np.flatnonzero(~self._bores.hold(*link, a, b))
-            rows = obstacle.penetrated(a[asked], b[asked])
+            rows = rows_of(obstacle, a[asked], b[asked])
             if len(rows.segment):
                 found.append((obstacle, rows._replace(segment=asked[rows.segment])))
         return found
 
-    def without_overlap(self, line, radius: float, tied, meets) -> tuple[np.ndarray, dict]:
-        """A line (n, 3), outside, that is pushed a radius [m] away from obstacles; and the depths [m] of its
-        surface in them before, by (body, link).
+    def without_overlap(self, line, radius: float, tied) -> np.ndarray:
+        """A line (n, 3), outside, that is pushed a radius [m] away from obstacles.
 
-        None is pushed beside the particles that are tied, which may be nearer. meets: a function of body and
-        link, whether the tendon collides with it.
+        None is pushed beside the particles that are tied, which may be nearer.
         """
-        arcs = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1)))
-        away = np.min([np.full(len(arcs), np.inf), *(np.abs(arcs - arcs[k]) for k in tied)], axis=0)
-        free = np.minimum(away[:-1], away[1:]) >= DEPARTING * radius
-        line, first = np.array(line, float), {}
-        nothing = np.zeros((1, 3))
-        for _ in range(ROUNDS):
-            found = self._overlapped(line, radius, free, meets)
-            if not first:
-                for link, rows in found:
-                    first[link] = max(first.get(link, 0.0), rows.depth.max())
+        line, (start, end) = np.array(line, float), np.zeros((2, len(line), 3))
+        free = self.free(line, radius, tied)
+        for _ in range(ROUNDS if len(free) else 0):
+            found = self.overlapped(line[free], line[free + 1], radius)
             if max((rows.depth.max() for _, rows in found), default=0.0) <= NEARLY * radius:
                 break
-            start, end = _shifts(found, len(line) - 1, 0.0)
-            line += _longer(np.vstack([start, nothing]), np.vstack([nothing, end]))
-        return line, first
+            start[free], end[free + 1] = _shifts(found, len(free), 0.0)
+            line += _longer(start, end)
+        return line
 
-    def _overlapped(self, line, radius: float, free, meets):
-        """By segments of a line that are free (n-1,), of which no bore has a part, and of which links."""
-        found, a, b = [], line[:-1], line[1:]
-        low, high = line.min(0) - radius, line.max(0) + radius
-        near = ((self._boxes[:, 0] <= high) & (self._boxes[:, 1] >= low)).all(1)
-        for obstacle in compress(self._obstacles, near):
-            link = obstacle.bodyUniqueId, obstacle.linkIndex
-            if not meets(*link):
-                continue
-            asked = np.flatnonzero(free & ~self._bores.hold(*link, a, b))
-            rows = obstacle.overlapped(a[asked], b[asked], radius)
-            if len(rows.segment):
-                found.append((link, rows._replace(segment=asked[rows.segment])))
-        return found
+    @staticmethod
+    def free(line, radius: float, tied) -> np.ndarray:
+        """The segments of a line (n, 3) that keep a radius [m] from obstacles: far from what is tied."""
+        arcs = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1)))
+        away = np.min([np.full(len(arcs), np.inf), *(np.abs(arcs - arcs[k]) for k in tied)], axis=0)
+        return np.flatnonzero(np.minimum(away[:-1], away[1:]) >= DEPARTING * radius)
 
     def cleared(self, line, radius: float, inside: str) -> np.ndarray:
         """The line (n, 3), pushed out if so wanted; InvalidValue where it is inside an obstacle."""
         if inside == "push_out":
             line = self.pushed_out(line, radius)
             inserted = [k for k in (0, -1) if self.gaps(line[[k, k]], radius)[0] < radius]
-            line = self.without_overlap(line, radius, inserted, lambda *link: True)[0]
+            line = self.without_overlap(line, radius, inserted)
         for obstacle, rows in self.penetrated(line[:-1], line[1:]):
             link = f"body {obstacle.bodyUniqueId}, link {obstacle.linkIndex}"
             way = ", or with a short way out of them" if inside == "push_out" else ""

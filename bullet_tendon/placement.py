@@ -98,11 +98,13 @@ class Placement:
             return
         self._bodies.require_alive()
         bores = Bores(tuple(self._tunnels.values()), self._bodies.frame)
-        around = Surroundings(self._obstacles.placed(), bores)
+        placed = self._obstacles.placed()
+        around = Surroundings(placed, bores)
         for tendon in tendons:
             inside = self._tell_inside(tendon, around)
-            if tendon._slot in added and tendon.collides and not inside:
-                _tell_stretched(tendon, around)
+            if tendon._slot in added and not inside:
+                met = [o for o in placed if tendon._may_meet(o.bodyUniqueId, o.linkIndex)]
+                _tell_stretched(tendon, Surroundings(met, bores))
 
     def _tell_inside(self, tendon, around: Surroundings) -> bool:
         """Whether a tendon is inside anything."""
@@ -162,16 +164,19 @@ def _message(tendon, obstacle: Obstacle, depth: float) -> str:
 
 
 def _tell_stretched(tendon, around: Surroundings) -> None:
-    line = tendon.positions
+    line, radius = tendon.positions, tendon.radius
     tied = [hold.particle for hold in tendon.holds if isinstance(hold, Attachment)]
-    out, depths = around.without_overlap(line, tendon.radius, tied, tendon._may_meet)
+    out = around.without_overlap(line, radius, tied)
     length, longer = (np.linalg.norm(np.diff(x, axis=0), axis=1).sum() for x in (line, out))
     if longer <= (1.0 + STRETCHED) * length:
         return
-    (body, link), depth = max(depths.items(), key=lambda found: found[1])
+    free = around.free(line, radius, tied)
+    found = around.overlapped(line[free], line[free + 1], radius)
+    obstacle, rows = max(found, key=lambda one: one[1].depth.max())
+    link = f"body {obstacle.bodyUniqueId}, link {obstacle.linkIndex}"
     warn(
         InsideWarning(
-            f"tendon {tendon.name!r} begins with segments {depth:.3g} m nearer to body {body}, link {link}, "
+            f"tendon {tendon.name!r} begins with segments {rows.depth.max():.3g} m nearer to {link}, "
             f"than its radius: pushed out, it is {100.0 * (longer / length - 1.0):.2g} % longer, and taut "
             "(see add_tendon, inside='push_out')"
         )

@@ -18,6 +18,15 @@ def cube(half, at=(0, 0, 0)):
     return corners + at, np.vstack([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
 
 
+def prism_mesh(radius, half, sides):
+    """Vertices (2 sides, 3) [m] and triangles of the sides of a prism along y, with a flat top; open ends."""
+    angles = np.pi / 2 + (np.arange(sides) + 0.5) * 2 * np.pi / sides
+    x, z = radius * np.cos(angles), radius * np.sin(angles)
+    vertices = np.concatenate([np.c_[x, np.full(sides, y), z] for y in (-half, half)])
+    k, after = np.arange(sides), (np.arange(sides) + 1) % sides
+    return vertices, np.concatenate([np.c_[k, after, k + sides], np.c_[after, after + sides, k + sides]])
+
+
 def triangles_shape(client, vertices, faces):
     """A concave collision shape of the triangles as they are."""
     return p.createCollisionShape(

@@ -5,7 +5,7 @@ import warnings
 import numpy as np
 import pybullet as p
 import pytest
-from link_scenes import links_on_joints
+from link_scenes import cube, links_on_joints, triangles_shape
 
 import bullet_tendon as bt
 
@@ -271,19 +271,16 @@ def test_bodies_are_listed_anew_once_after_one_was_removed(make_world, client):
     assert world._bodies._generalized() is listed
 
 
-CORNERS = [[x, y, z] for x in (-0.1, 0.1) for y in (-0.1, 0.1) for z in (-0.1, 0.1)]
-FACES = "013 032 467 475 045 051 237 276 026 064 157 173".replace(" ", "")
-
-
 @pytest.mark.parametrize("joint", [None, p.JOINT_REVOLUTE, p.JOINT_PRISMATIC])
 @pytest.mark.parametrize("mass", [0.0, 1.0])
 @pytest.mark.parametrize("kind", ["triangles", "with inertia", "hull", "no shape"])
 def test_a_link_that_pybullet_does_not_turn_is_told(make_world, client, kind, mass, joint):
     world = make_world()
-    mesh = {"vertices": CORNERS, "physicsClientId": client}
-    if kind != "hull":
-        mesh |= {"indices": [int(corner) for corner in FACES], "flags": p.GEOM_FORCE_CONCAVE_TRIMESH}
-    shape = -1 if kind == "no shape" else p.createCollisionShape(p.GEOM_MESH, **mesh)
+    vertices, faces = cube(0.1)
+    shape = triangles_shape(client, vertices, faces)
+    if kind == "hull":
+        shape = p.createCollisionShape(p.GEOM_MESH, vertices=vertices.tolist(), physicsClientId=client)
+    shape = -1 if kind == "no shape" else shape
     if joint is None:
         body, link = p.createMultiBody(mass, shape, physicsClientId=client), -1
     else:

@@ -6,7 +6,7 @@ import warnings
 import numpy as np
 import pybullet as p
 import pytest
-from link_scenes import mesh_obstacle
+from link_scenes import mesh_obstacle, prism_mesh
 
 import bullet_tendon as bt
 
@@ -15,12 +15,7 @@ BONE, RADIUS = 0.02, 0.001
 
 def prism(world, client, sides):
     """A prism along y, with a flat top."""
-    angles = math.pi / 2 + (np.arange(sides) + 0.5) * 2 * math.pi / sides
-    ring = BONE * np.c_[np.cos(angles), np.sin(angles)]
-    vertices = [[x, y, z] for y in (-0.05, 0.05) for x, z in ring]
-    k, after = np.arange(sides), (np.arange(sides) + 1) % sides
-    faces = np.concatenate([np.c_[k, after, k + sides], np.c_[after, after + sides, k + sides]])
-    return mesh_obstacle(world, client, vertices, faces)
+    return mesh_obstacle(world, client, *prism_mesh(BONE, 0.05, sides))
 
 
 def drawn_over(world, force, particles, name="cord"):

@@ -6,7 +6,7 @@ import numpy as np
 import pybullet as p
 import pytest
 from brute_force import torus
-from link_scenes import add_mesh
+from link_scenes import add_mesh, mesh_obstacle, prism_mesh
 
 import bullet_tendon as bt
 
@@ -269,13 +269,8 @@ def test_a_coil_that_begins_too_near(make_world, client, kind, per_turn, frictio
     """It is told how much longer its obstacle makes it; pushed out, it begins without load."""
     world = make_world()
     if kind == "mesh":
-        angles = np.linspace(0, 2 * np.pi, 121)[:-1]
-        ring = HALF * np.column_stack([np.cos(angles), np.sin(angles)])
-        ends = [np.column_stack([ring, np.full(120, z)]) for z in (-HALF, HALF)]
-        k, ahead = np.arange(120), np.roll(np.arange(120), -1)
-        sides = [np.column_stack([k, ahead, ahead + 120]), np.column_stack([k, ahead + 120, k + 120])]
-        body = 0
-        add_mesh(world, client, np.vstack(ends), np.vstack(sides), friction=friction)
+        vertices, faces = prism_mesh(HALF, HALF, 120)
+        body = mesh_obstacle(world, client, vertices[:, [2, 0, 1]], faces, friction)  # along z
     else:
         body = body_of(client, kind)
         world.add_obstacle(body, friction=friction)
@@ -292,10 +287,8 @@ def test_a_coil_that_begins_too_near(make_world, client, kind, per_turn, frictio
     t = coiled(world, body, per_turn, inside="push_out")
     assert quiet(world, 1)
     assert t.tension.max() < 0.01 * load
-    assert (
-        np.linalg.norm(0.5 * (t.positions[1:] + t.positions[:-1])[:coil, :2], axis=1).min()
-        > HALF + 0.99 * RADIUS
-    )
+    middles = 0.5 * (t.positions[1:] + t.positions[:-1])[:coil]
+    assert np.linalg.norm(middles[:, :2], axis=1).min() > HALF + 0.99 * RADIUS
 
 
 def test_what_begins_too_near_on_a_plane_is_not_told(world, client):

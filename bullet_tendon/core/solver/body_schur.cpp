@@ -406,9 +406,8 @@ void find_spans(Island& island) {
 
 // What acts on what, in an island.
 struct Graph {
-  std::vector<std::vector<int>> tendons;                        // by link
-  std::vector<std::vector<int>> links, partners, contacts;      // by tendon; contacts: of its segments
-  std::vector<int> known_tendons, known_links, known_contacts;  // the last panel that has them
+  std::vector<std::vector<int>> tendons;                    // by link
+  std::vector<std::vector<int>> links, partners, contacts;  // by tendon; contacts: of its segments
 };
 
 void connect(const Island& island, Graph& graph) {
@@ -436,9 +435,14 @@ void connect(const Island& island, Graph& graph) {
     graph.partners[a].push_back(b);
     graph.partners[b].push_back(a);
   }
-  graph.known_tendons.assign(tendons, -1);
-  graph.known_links.assign(links, -1);
-  graph.known_contacts.assign(island.acting.size(), -1);
+}
+
+// Adds what these ones have in a graph. In order, each once.
+void add_joined(std::vector<int>& to, const std::vector<std::vector<int>>& graph,
+                const std::vector<int>& of) {
+  for (int i : of) to.insert(to.end(), graph[i].begin(), graph[i].end());
+  std::sort(to.begin(), to.end());
+  to.erase(std::unique(to.begin(), to.end()), to.end());
 }
 
 // Finds what each panel acts on, by the links of its bodies.
@@ -454,22 +458,12 @@ void find_reaches(Island& island) {
     for (int p = m.unknowns.first / kLanes; p * kLanes < m.unknowns.first + m.n(); ++p)
       reaches[p].moved.push_back(l);
   }
-  for (size_t p = 0; p < reaches.size(); ++p) {
-    PanelReach& reach = reaches[p];
-    auto add = [p](std::vector<int>& to, std::vector<int>& known, const std::vector<int>& found) {
-      for (int i : found)
-        if (std::exchange(known[i], static_cast<int>(p)) != static_cast<int>(p)) to.push_back(i);
-    };
-    add(reach.links, graph.known_links, reach.moved);
-    for (int l : reach.moved) add(reach.tendons, graph.known_tendons, graph.tendons[l]);
-    for (size_t k = 0, near = reach.tendons.size(); k < near; ++k)
-      add(reach.tendons, graph.known_tendons, graph.partners[reach.tendons[k]]);
-    for (int k : reach.tendons) {
-      add(reach.links, graph.known_links, graph.links[k]);
-      add(reach.contacts, graph.known_contacts, graph.contacts[k]);
-    }
-    std::sort(reach.tendons.begin(), reach.tendons.end());
-    std::sort(reach.contacts.begin(), reach.contacts.end());
+  for (PanelReach& reach : reaches) {
+    reach.links = reach.moved;
+    add_joined(reach.tendons, graph.tendons, reach.moved);
+    add_joined(reach.tendons, graph.partners, std::vector<int>(reach.tendons));
+    add_joined(reach.links, graph.links, reach.tendons);
+    add_joined(reach.contacts, graph.contacts, reach.tendons);
   }
 }
 
