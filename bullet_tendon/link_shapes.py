@@ -18,6 +18,8 @@ pybullet 3.2.7 reports less than it has; found by reading its source and by runn
 - A URDF `<cylinder>` is a hull of 64 vertices, unless loaded with URDF_USE_IMPLICIT_CYLINDER. It is taken
   as the true cylinder here.
 - Planes pass through their frame's origin; height fields are not reported at all.
+- `loadMJCF` makes a capsule that leads from one point to another (`fromto`) of two spheres, for which
+  getCollisionShapeData ends the process. What is drawn, and the margin, tell of such links.
 """
 
 from dataclasses import dataclass
@@ -38,6 +40,10 @@ _NEAR = 1.0  # m; a convex shape is at a distance below 0 from itself
 _MARGINS = 2e-3, 5.5e-3  # m; more than pybullet adds around triangles (1 mm, turned) and hulls (up to 3 mm)
 _ANOTHER_SIZE = 0.05  # of the link, by which a mesh that the caller gives may differ from pybullet's
 _PRISM_SIDES = 32  # of the hull that stands for a URDF cylinder
+_SPHERES_MARGIN = (
+    0.04  # m; of a shape of several spheres. loadMJCF's compounds have none, loadURDF's have one
+)
+_NEW_BASE = b"link0"  # name that createMultiBody gives to a base
 
 
 @dataclass
@@ -90,6 +96,9 @@ def read_link(
     be asked; None, or of another number than pybullet has shapes: not known.
     """
     info = _dynamics(bodyUniqueId, linkIndex, physicsClientId)
+    if _may_be_of_spheres(bodyUniqueId, linkIndex, physicsClientId, margin=info[11]):
+        allowed = "a link without a capsule by `fromto` of an MJCF file, which pybullet does not tell"
+        raise InvalidValue("linkIndex", linkIndex, allowed)
     rows = pybullet.getCollisionShapeData(bodyUniqueId, linkIndex, physicsClientId=physicsClientId)
     is_known = concave is not None and len(concave) == len(rows)
     link = _Link(bodyUniqueId, linkIndex, physicsClientId, rows, tuple(concave) if is_known else None)
@@ -178,6 +187,20 @@ def _dynamics(body: int, link: int, client: int) -> tuple:
         allowed = "a body that reports shapes: not soft, not with useMaximalCoordinates"
         raise InvalidValue("bodyUniqueId", body, allowed)
     return info
+
+
+def _may_be_of_spheres(body: int, link: int, client: int, margin: float) -> bool:
+    """Whether a link may have a capsule of two spheres, by its margin [m] and its visual capsules."""
+    is_of_spheres = abs(margin - _SPHERES_MARGIN) < 1e-6
+    if margin != 0.0 and not is_of_spheres:
+        return False
+    if margin == 0.0 and pybullet.getBodyInfo(body, physicsClientId=client)[0] == _NEW_BASE:
+        return False  # a compound of createCollisionShapeArray
+    visual = pybullet.getVisualShapeData(body, physicsClientId=client)
+    capsules = [row for row in visual if row[1] == link and row[2] == pybullet.GEOM_CAPSULE]
+    # Where it leads is in its spheres, not in its frame. The margin of a capsule of one shape is its radius.
+    radii = [row[3][1] for row in capsules if not np.any(row[5])]
+    return any(not is_of_spheres or abs(radius - margin) > 1e-6 for radius in radii)
 
 
 def _refuse_unreported(link: _Link):

@@ -125,3 +125,47 @@ def test_links_without_shapes_and_what_is_refused(client):
     )
     with pytest.raises(InvalidValue, match="height field"):
         collision_shapes(p.createMultiBody(0, field, physicsClientId=client), -1, client)
+
+
+def loaded_mjcf(client, path, geom):
+    """The base of a body that is one geom of an MJCF file."""
+    path.write_text(
+        f'<mujoco model="one"><worldbody><body name="part" pos="0 0 1">{geom}</body></worldbody></mujoco>'
+    )
+    return p.loadMJCF(str(path), physicsClientId=client)[-1]
+
+
+@pytest.mark.parametrize("ends", ["0 0 0 0.2 0.2 0", "-0.1 0 0 0.1 0 0"])
+def test_capsules_between_points_of_an_mjcf_file_are_refused(client, tmp_path, ends):
+    """pybullet's own reading of them ends the process."""
+    body = loaded_mjcf(client, tmp_path / "one.xml", f'<geom type="capsule" fromto="{ends}" size="0.08"/>')
+    with pytest.raises(InvalidValue, match="MJCF"):
+        collision_shapes(body, -1, client)
+
+
+@pytest.mark.parametrize(
+    "kind, geom",
+    {
+        "box": 'type="box" size="0.1 0.2 0.3" pos="0.1 0 0"',
+        "sphere": 'type="sphere" size="0.1" pos="0.1 0 0"',
+        "capsule": 'type="capsule" size="0.04 0.1"',
+        "capsule beside": 'type="capsule" size="0.05 0.1" pos="0.1 0 0"',
+    }.items(),
+)
+def test_other_shapes_of_an_mjcf_file(client, probe, tmp_path, kind, geom):
+    body = loaded_mjcf(client, tmp_path / "one.xml", f"<geom {geom}/>")
+    shapes = collision_shapes(body, -1, client)
+    assert [shape.kind for shape in shapes] == [kind.split()[0]]
+    check_link(client, probe, body, -1, shapes)
+
+
+def test_compounds_that_are_drawn_as_capsules_are_read(client):
+    """They have no margin either; createMultiBody gives their body its name."""
+    on = {"physicsClientId": client}
+    places = [[0, 0, -0.1], [0, 0, 0.1]]
+    spheres = p.createCollisionShapeArray(
+        [p.GEOM_SPHERE] * 2, [0.05] * 2, collisionFramePositions=places, **on
+    )
+    drawn = p.createVisualShape(p.GEOM_CAPSULE, radius=0.05, length=0.2, **on)
+    body = p.createMultiBody(1, spheres, drawn, **on)
+    assert [s.kind for s in collision_shapes(body, -1, client)] == ["sphere", "sphere"]
