@@ -143,6 +143,15 @@ Sym3 Link::mobility(Vec3 p) const {
   return sum;
 }
 
+Pose Link::foreseen_pose(const Pose& frame) const {
+  return {foreseen.turn * frame.rotation,
+          centre + foreseen.all.linear + foreseen.turn * (frame.origin - centre)};
+}
+
+Vec3 Link::foreseen_point(Vec3 x) const {
+  return foreseen.far ? foreseen_pose({{}, x}).origin : x + foreseen_at(x);
+}
+
 void Link::note_motion() {
   const bool elsewhere = !same(pose, start.pose);
   moved |= !rests() || elsewhere;

@@ -132,6 +132,10 @@ struct Link {
   // The same, and what it was shifted by before.
   Vec3 carry(Vec3 p, double dt) const { return drift(p, dt) + shifted.at(p - centre); }
   Vec3 foreseen_at(Vec3 p) const { return foreseen.all.at(p - centre); }
+  // Where a frame that is fixed to it is foreseen to be at the end of the substep.
+  Pose foreseen_pose(const Pose& frame) const;
+  // The same of a point. Where the link does not turn far, that moves linearly, as attachments do.
+  Vec3 foreseen_point(Vec3 x) const;
   // Mobility of the world point p: W = [I, -[r]] R [I, -[r]]^T [1/kg].
   Sym3 mobility(Vec3 p) const;
   // Adds a force at the world point p, averaged over the step [N].

@@ -15,6 +15,11 @@ struct SegmentPoint {
   }
 };
 
+// Particle i of a tendon of so many particles, as a point of a segment.
+inline SegmentPoint particle_point(int tendon, int i, int particles) {
+  return i < particles - 1 ? SegmentPoint{tendon, i, 1, 0} : SegmentPoint{tendon, i - 1, 0, 1};
+}
+
 // Subtracts the force `pull` at the point s from its two particles, in shares w0 and w1.
 inline void pull_back(Field& f, const SegmentPoint& s, Vec3 pull) {
   f.add(s.first, -s.w0 * pull);

@@ -14,6 +14,11 @@ namespace bt {
 // Bulge at an end of a segment, which is a particle, over the second difference there [-].
 constexpr double kBulgeAtEnd = 0.125;
 
+// Bulge or difference of distances along a segment, over the radius, up to which the segment counts as
+// straight and as equally near to a surface [-]. Larger: round bones penetrate deeper between particles.
+// Smaller: on flat bones each segment has three contacts, whose shares of the load depend on rounding errors.
+constexpr double kNoBulge = 1e-5;
+
 struct BentSegment {
   Vec3 start, along;  // start; l [m]
   Vec3 bend[2];       // d_0 and d_1 [m]

@@ -48,6 +48,12 @@ double Tendon::shortest_rest() const { return *std::min_element(rest.begin(), re
 
 double Tendon::rest_length() const { return std::accumulate(rest.begin(), rest.end(), 0.0); }
 
+double Tendon::most_motion() const {
+  double most = 0;
+  for (int i = 0; i < n(); ++i) most = std::max(most, norm(predicted.at(i) - x.at(i)));
+  return most;
+}
+
 void Tendon::set_rest(const std::vector<double>& lengths) {
   ++rest_set;
   rest = lengths;

@@ -122,6 +122,8 @@ class Tendon : public TendonModel, public TendonState, public TendonWorkspace {
   void set_point_mass(int particle, double kilograms);
   // The velocities that the user sees [m/s].
   const Field& user_velocities() const { return with_body ? mean_velocities : v; }
+  // Greatest predicted motion of a particle in the substep [m].
+  double most_motion() const;
   Motion motion() const { return {x, displacement, x_before, history, h_eff}; }
   // These three change displacement and x_new: of a particle by `by`, of a particle to the position `at`, of
   // all particles by alpha dx + second correction.

@@ -417,8 +417,6 @@ class World {
   void collect_contacts();
   void limit_motion(Tendon& c, double share);
   void drop_contacts_of_torn();
-  void bone_contacts(int tendon, int shape);
-  void half_space_contacts(int tendon, int shape);
   void find_pairs();
   void pair_contact(const SegmentPair& pair, const PairPoint& at);
   void add_link_contact(Contact& contact, int link, double friction);
@@ -427,15 +425,20 @@ class World {
   void set_arm(Contact& contact) const;
   bool is_contradicted(const Contact& contact) const;
   bool is_beside(const Anchor& anchor, const Contact& contact) const;
-  void both_sides(const SegmentPoint& at, ContactKey key, int first, const Tangent& beside,
-                  const std::optional<Plane>& other, const Pose& end);
-  void bone_contact(const SegmentPoint& spot, const ContactKey& key, const Tangent& surface);
-  bool last_faced(const ContactKey& key, Vec3 one, Vec3 other) const;
   const ContactMemory* remembered(const ContactKey& key) const;
   double depth_to_leave(const Contact& contact, double most) const;
   // Warm start from the contact memory. inertia: of the particle, over the squared step weight [N/m].
   void recall(Contact& contact, double inertia);
   void remember();
+  // world/bone_contacts.cpp
+  void bone_contacts(int tendon, int shape);
+  void both_sides(const SegmentPoint& at, ContactKey key, int first, const Tangent& beside,
+                  const std::optional<Plane>& other, const Pose& end);
+  void bone_contact(const SegmentPoint& spot, const ContactKey& key, const Tangent& surface);
+  bool last_faced(const ContactKey& key, Vec3 one, Vec3 other) const;
+  void half_space_contacts(int tendon, int shape);
+  double distance_to_keep(const SegmentPoint& spot, const ContactKey& key) const;
+  double distance_from(const Shape& shape, const ContactKey& key, int particle) const;
   // world/sleeping.cpp
   bool any_asleep() const;
   bool feels(int tendon, int link, double dt) const;
@@ -450,7 +453,7 @@ class World {
   void find_restful();
   void fall_asleep();
   void push_asleep();
-  // world/contact_builder.cpp
+  // world/tunnel_contacts.cpp
   void find_bores();
   // Whether a tunnel exists, is wider than the tendon, and makes contacts with it.
   bool may_enter(int tendon, int tunnel) const;
@@ -500,8 +503,6 @@ class World {
   bool foresee_at_solution();
   int island_root(int tendon);
   void join_islands(int a, int b);
-  double distance_to_keep(const SegmentPoint& spot, const ContactKey& key) const;
-  double distance_from(const Shape& shape, const ContactKey& key, int particle) const;
 
   StepState step_;
   Detection detection_;
