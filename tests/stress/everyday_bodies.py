@@ -3,7 +3,7 @@
 import math
 
 import numpy as np
-from everyday_scene import File, G, Scene, family, rounded
+from everyday_scene import FASTEST, File, G, Scene, family, rounded
 from link_scenes import cube
 from scipy.optimize import minimize
 
@@ -203,10 +203,10 @@ def at_its_place(scene, t, hold, more):
 
     The body goes straight in a step, its points around: by the square of its angle. more [m]: the way in a
     step under forces that the world learns from what they do, or that it leaves unbalanced. Not judged: what
-    pybullet stops at 100 m/s or 100 rad/s, where the forces on it are not known.
+    pybullet or the world stop (FASTEST), where the forces on it are not known.
     """
     motion = np.abs(scene.raw.getBaseVelocity(hold.bodyUniqueId))
-    if max(motion.max(), np.abs(scene.rates_before[hold.bodyUniqueId]).max()) > 99:
+    if max(motion.max(), np.abs(scene.rates_before[hold.bodyUniqueId]).max()) > FASTEST:
         return
     origin, axes = scene.place(hold.bodyUniqueId, hold.linkIndex)
     spin = np.linalg.norm(scene.raw.getBaseVelocity(hold.bodyUniqueId)[1])
