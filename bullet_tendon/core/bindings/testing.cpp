@@ -132,7 +132,8 @@ py::tuple contact_term(int kind, Vec3 relative, Vec3 normal, double offset, Vec3
   contact.friction.limit = limit;
   contact.friction.stiffness = tangent_stiffness;
   contact.friction.anchor = tangent_anchor;
-  contact.evaluate(relative, true, definite);
+  contact.evaluate(relative, true);
+  contact.linearise(definite);
   return py::make_tuple(contact.geometry.gap, contact.geometry.normal, contact.force.total,
                         full_of(contact.force.block), contact.friction.sliding);
 }
@@ -183,7 +184,8 @@ py::tuple edge_term(int kind, Vec3 a, Vec3 b, double offset, Vec3 centre, Vec3 a
   contact.a = {0, 0, 0.5, 0.5};
   for (int i = 0; i < 50; ++i) contact.follow(a, b);
   const double P[2] = {contact.a.w0, contact.a.w1};
-  contact.evaluate(P[0] * a + P[1] * b, true, false);
+  contact.evaluate(P[0] * a + P[1] * b, true);
+  contact.linearise(false);
   contact.add_sliding_term(a, b, false);
   return py::make_tuple(contact.geometry.gap, P[0] * contact.force.total, P[1] * contact.force.total,
                         full_block(contact));
@@ -205,7 +207,8 @@ py::tuple pair_term(const Field& ends, double offset, double stiffness, double l
   contact.begin_pair(along, other);
   contact.follow_pair(x);
   const double P[4] = {contact.a.w0, contact.a.w1, -contact.b.w0, -contact.b.w1};
-  contact.evaluate(P[0] * x[0] + P[1] * x[1] + P[2] * x[2] + P[3] * x[3], true, false);
+  contact.evaluate(P[0] * x[0] + P[1] * x[1] + P[2] * x[2] + P[3] * x[3], true);
+  contact.linearise(false);
   contact.add_pair_sliding_terms(x, false);
   Field force(4);
   for (int i = 0; i < 4; ++i) force.set(i, P[i] * contact.force.total);

@@ -35,36 +35,30 @@ constexpr double kSoftest = 1e-3;
 
 }  // namespace
 
-void Contact::curved_gap(Vec3 x, double& curvature, Vec3& around, double& cross_curvature) {
-  if (key.kind == ContactKind::mouth)
-    mouth_gap(x, curvature, around, cross_curvature);
-  else
-    round_gap(x, curvature, around, cross_curvature);
-}
-
-void Contact::round_gap(Vec3 x, double& curvature, Vec3& around, double& cross_curvature) {
+void Contact::round_gap(Vec3 x) {
   const double sign = key.kind == ContactKind::bore ? -1 : 1;  // from within
   const Vec3 radial = without(x - geometry.rim.centre, geometry.rim.axis);
   const double rho = norm(radial);
   geometry.gap = sign * (rho - geometry.rim.radius);
   if (rho > 0) {
     geometry.normal = (sign / rho) * radial;
-    curvature = -sign / rho;
+    curvature.along = -sign / rho;
   }
   if (norm(geometry.rim.axis) > 0) {
-    around = cross(geometry.rim.axis, geometry.normal);
+    curvature.direction = cross(geometry.rim.axis, geometry.normal);
   } else {
-    around = any_perpendicular(geometry.normal);
-    cross_curvature = curvature;
+    curvature.direction = any_perpendicular(geometry.normal);
+    curvature.across = curvature.along;
   }
 }
 
-void Contact::evaluate(Vec3 relative, bool at_position, bool definite) {
-  // Curvatures of the surface around its axis, and across that: of the edge of a mouth, or a sphere [1/m].
-  double curvature = 0, cross_curvature = 0;
-  Vec3 around;
-  if (is_curved())
-    curved_gap(relative + geometry.rim_shift + geometry.bulge, curvature, around, cross_curvature);
+void Contact::evaluate(Vec3 relative, bool at_position) {
+  curvature = {};
+  const Vec3 x = relative + geometry.rim_shift + geometry.bulge;
+  if (key.kind == ContactKind::mouth)
+    mouth_gap(x);
+  else if (is_curved())
+    round_gap(x);
   else
     geometry.gap = dot(geometry.normal, relative) - geometry.offset;
   geometry.gap -= geometry.depth_allowance;
@@ -75,40 +69,48 @@ void Contact::evaluate(Vec3 relative, bool at_position, bool definite) {
   normal_force.pressed =
       !normal_force.direct && (normal_force.value > 0 || normal_force.lambda_predicted > 0);
   force.total = normal_force.direct ? Vec3{} : normal_force.value * geometry.normal;
-  force.linear = normal_force.pressed
-                     ? (normal_force.lambda - normal_force.stiffness * geometry.gap) * geometry.normal
-                     : Vec3{};
   friction.force = {};
-  force.block = force.turning = {};
-  if (normal_force.pressed) force.block = normal_force.stiffness * outer(geometry.normal);
-  if (normal_force.pressed && (curvature != 0 || cross_curvature != 0)) {
-    const double least = definite ? 0 : -std::numeric_limits<double>::infinity();
-    force.turning = (normal_force.lambda_predicted * std::max(curvature, least)) * outer(around);
-    force.turning += (normal_force.lambda_predicted * std::max(cross_curvature, least)) *
-                     outer(cross(around, geometry.normal));
-    force.block += force.turning;
-  }
   if (friction.coefficient <= 0 || (normal_force.direct && !normal_force.held)) return;
   friction.raw =
       without(friction.anchor + relative - geometry.point_shift - friction.relative_start, geometry.normal);
-  if (at_position) friction.sliding = friction.stiffness * norm(friction.raw) > friction.limit;
+  const double pull = friction.stiffness * norm(friction.raw);
+  if (at_position) friction.sliding = pull > friction.limit;
   if (friction.limit <= 0) {
     friction.displacement = {};
     return;
   }
-  double stretch = norm(friction.raw), pull = friction.stiffness * stretch;
-  bool over = pull > friction.limit;
-  friction.displacement = over ? (friction.limit / pull) * friction.raw : friction.raw;
+  friction.displacement = pull > friction.limit ? (friction.limit / pull) * friction.raw : friction.raw;
   friction.force = -friction.stiffness * friction.displacement;
-  force.linear += friction.sliding ? friction.force : -friction.stiffness * friction.raw;
   force.total += friction.force;
-  if (!friction.sliding) {
-    force.block += friction.stiffness * across(geometry.normal);
-  } else if (stretch > 0) {
-    Vec3 along = (1 / stretch) * friction.raw;
-    force.block +=
-        (std::min(friction.limit, pull) / stretch) * (across(geometry.normal) + (-1.0) * outer(along));
+}
+
+void Contact::linearise(bool definite) {
+  force.linear = {};
+  force.block = force.turning = {};
+  if (normal_force.pressed) {
+    force.linear = (normal_force.lambda - normal_force.stiffness * geometry.gap) * geometry.normal;
+    force.block = normal_force.stiffness * outer(geometry.normal);
   }
+  if (normal_force.pressed && curvature.any()) {
+    const double least = definite ? 0 : -std::numeric_limits<double>::infinity();
+    const Vec3 across = cross(curvature.direction, geometry.normal);
+    force.turning =
+        (normal_force.lambda_predicted * std::max(curvature.along, least)) * outer(curvature.direction);
+    force.turning += (normal_force.lambda_predicted * std::max(curvature.across, least)) * outer(across);
+    force.block += force.turning;
+  }
+  if (friction.coefficient <= 0 || friction.limit <= 0 || (normal_force.direct && !normal_force.held)) return;
+  if (!friction.sliding) {
+    force.linear += -friction.stiffness * friction.raw;
+    force.block += friction.stiffness * bt::across(geometry.normal);
+    return;
+  }
+  force.linear += friction.force;
+  const double stretch = norm(friction.raw);
+  if (stretch == 0) return;
+  const Vec3 along = (1 / stretch) * friction.raw;
+  force.block += (std::min(friction.limit, friction.stiffness * stretch) / stretch) *
+                 (bt::across(geometry.normal) + (-1.0) * outer(along));
 }
 
 void Contact::bear(double load, double sticking_ratio) {

@@ -95,6 +95,14 @@ struct ContactGeometry {
   double sliding_share[2] = {};
 };
 
+// Of a curved surface at the contact point: the tangential unit vector around its axis or along its edge, and
+// the curvatures in that direction and across it [1/m]. Negative: convex.
+struct SurfaceCurvature {
+  Vec3 direction;
+  double along = 0, across = 0;
+  bool any() const { return along != 0 || across != 0; }
+};
+
 // Whether a contact bears by the cross-section, because nothing yields to it: before this substep, or as
 // found in it (Contact::stiffen).
 enum class Squeezed { no, before, now };
@@ -148,6 +156,7 @@ struct Contact {
   bool at_start = false;  // that point is of the start of the substep, else of its end
   bool joins = false;     // couples two tendons in the pattern of their matrix
   ContactGeometry geometry;
+  SurfaceCurvature curvature;  // as last evaluated
   NormalForce normal_force;
   Friction friction;
   ContactForce force;
@@ -157,10 +166,12 @@ struct Contact {
     return normal_force.pressed || normal_force.held ||
            (!normal_force.direct && friction.coefficient > 0 && friction.limit > 0);
   }
-  // Forces and block at relative = x_a - x_b [m]. at_position: the activation, the sliding and the normal
-  // force of the curvature terms are those of this position, else the predicted ones. definite: the terms
-  // that can make the block indefinite are left out, such as the convex edge of a mouth.
-  void evaluate(Vec3 relative, bool at_position, bool definite = true);
+  // Forces at relative = x_a - x_b [m]. at_position: the activation, the sliding and the normal force of the
+  // curvature terms are those of this position, else the predicted ones.
+  void evaluate(Vec3 relative, bool at_position);
+  // Linear force and block where it was evaluated. definite: the terms that can make the block indefinite are
+  // left out, such as the convex edge of a mouth.
+  void linearise(bool definite);
   // Whether the surface is round, and the contact point that of a segment which is nearest to it.
   bool is_round() const { return key.kind == ContactKind::bone && geometry.rim.radius > 0; }
   // A force without friction passes through the centre of a round surface, wherever it acts.
@@ -182,7 +193,7 @@ struct Contact {
   // Finds the point of the segment start-end nearest to the edge or the round surface, from the last one.
   void follow(Vec3 start, Vec3 end);
   // Sets the sliding term that the motion of this point along the segment adds to the block
-  // (contact/following.cpp). Call it after evaluate.
+  // (contact/following.cpp). Call it after linearise.
   void add_sliding_term(Vec3 start, Vec3 end, bool definite);
   // Distance of the surfaces; negative: depth [m].
   double distance() const { return geometry.gap + geometry.depth_allowance + geometry.margin; }
@@ -223,11 +234,10 @@ struct Contact {
   void begin_pair(Vec3 along, Vec3 other);
   void follow_pair(const Vec3 (&x)[4]);
   void add_pair_sliding_terms(const Vec3 (&x)[4], bool definite);
-  // Gap [m], normal and curvatures [1/m] of a curved surface at x: the edge of a mouth
-  // (contact/following.cpp), else the wall of a bore or a round surface. `around`: tangential unit vector.
-  void curved_gap(Vec3 x, double& curvature, Vec3& around, double& cross_curvature);
-  void mouth_gap(Vec3 x, double& curvature, Vec3& around, double& cross_curvature);
-  void round_gap(Vec3 x, double& curvature, Vec3& around, double& cross_curvature);
+  // Gap, normal and curvature at x of the edge of a mouth (contact/following.cpp), and of the wall of a bore
+  // or a round surface.
+  void mouth_gap(Vec3 x);
+  void round_gap(Vec3 x);
   // Updates z at the end of a step with forces of its start (solver/published_methods.cpp).
   void settle(Vec3 relative);
 

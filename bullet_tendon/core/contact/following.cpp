@@ -31,7 +31,7 @@ BentSegment bent(const ContactGeometry& geometry, Vec3 start, Vec3 end) {
 
 }  // namespace
 
-void Contact::mouth_gap(Vec3 x, double& curvature, Vec3& around, double& cross_curvature) {
+void Contact::mouth_gap(Vec3 x) {
   const Rim& rim = geometry.rim;
   geometry.edge = nearest_on_rim(rim, x, geometry.edge);
   const RimPoint& edge = geometry.edge;
@@ -41,10 +41,10 @@ void Contact::mouth_gap(Vec3 x, double& curvature, Vec3& around, double& cross_c
   geometry.gap = sign * d - geometry.offset;
   if (d > 0) {
     geometry.normal = (sign / d) * from;
-    cross_curvature = -sign / d;
-    if (bend < 1) curvature = sign * bend / (d * (1 - bend));
+    curvature.across = -sign / d;
+    if (bend < 1) curvature.along = sign * bend / (d * (1 - bend));
   }
-  around = edge.tangent;
+  curvature.direction = edge.tangent;
 }
 
 void Contact::turn(const Rot3& by) {
@@ -78,13 +78,8 @@ void Contact::add_sliding_term(Vec3 start, Vec3 end, bool definite) {
   if (!follows() || !normal_force.pressed || u <= geometry.slides.from || u >= geometry.slides.to) return;
   const BentSegment segment = bent(geometry, start, end);
   const Vec3 l = segment.tangent(u);
-  const double kept = geometry.gap;
-  double curvature = 0, cross_curvature = 0;
-  Vec3 around;
-  curved_gap(segment.at(u), curvature, around, cross_curvature);
-  geometry.gap = kept;
-  const Vec3 m = cross(around, geometry.normal);
-  const Vec3 Hl = (-cross_curvature * dot(m, l)) * m - (curvature * dot(around, l)) * around;
+  const Vec3 around = curvature.direction, m = cross(around, geometry.normal);
+  const Vec3 Hl = (-curvature.across * dot(m, l)) * m - (curvature.along * dot(around, l)) * around;
   const double convexity = dot(l, Hl) + dot(geometry.normal, segment.bend_at(u));
   if (convexity == 0 || (definite && convexity < 0)) return;
   geometry.sliding_terms = 1;

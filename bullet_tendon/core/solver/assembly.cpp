@@ -60,18 +60,18 @@ bool update_direct(Island& island, Contact& contact) {
 }
 
 // Evaluates a contact at tendon.x_new, with its present contact points.
-void evaluate(Island& island, Contact& contact, bool at_position, bool definite) {
+void evaluate(Island& island, Contact& contact, bool at_position) {
   follow(island, contact);
-  contact.evaluate(relative_position(island, contact, &Tendon::x_new), at_position, definite);
+  contact.evaluate(relative_position(island, contact, &Tendon::x_new), at_position);
 }
 
-Assembly residual_of(Island& island, bool definite, bool at_position) {
+Assembly residual_of(Island& island, bool at_position) {
   Assembly a;
   clear_loads(island);
   clear_pulls(island);
   for (Tendon* c : island.tendons) a.scale = std::max(a.scale, tendon_residual(*c));
   for (Contact* contact : island.contacts) {
-    evaluate(island, *contact, at_position, definite);
+    evaluate(island, *contact, at_position);
     if (!contact->acts()) continue;
     a.scale = std::max(a.scale, max_abs(contact->force.total));
     exert(island, *contact, contact->force.total, &Tendon::residual);
@@ -341,6 +341,7 @@ void linearise_contacts(Island& island, bool slide, bool definite) {
     Contact& contact = *island.acting[c];
     ContactMatrix& k = island.of_contacts[c];
     Tendon& a = island.at(contact.a);
+    contact.linearise(definite);
     if (slide) find_sliding_terms(island, contact, definite);
     const Link* link = contact.moves ? &island.bodies.link(contact.link) : nullptr;
     const Vec3 segment = a.x_new.at(contact.a.first + 1) - a.x_new.at(contact.a.first);

@@ -23,9 +23,9 @@ int particle_of(const Contact& contact);
 // inactive when its force would have to pull. Returns whether it has changed.
 bool update_direct(Island& island, Contact& contact);
 // Computes the true residual of the island at tendon.x_new. It still includes the constraint forces of
-// anchors and of direct contacts. definite: contacts without indefinite terms. at_position: the state of
-// contacts is that at the present positions, not the predicted one.
-Assembly residual_of(Island& island, bool definite, bool at_position = false);
+// anchors and of direct contacts. at_position: the state of contacts is that at the present positions, not
+// the predicted one.
+Assembly residual_of(Island& island, bool at_position);
 // Removes the constraint forces from the residual and computes its norms.
 void measure_residual(Island& island, Assembly& a);
 // Predicts the multipliers of the contacts from tendon.dx, before the step is taken, and their friction

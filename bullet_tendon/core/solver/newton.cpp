@@ -236,7 +236,7 @@ void take_limits(Island& island) {
 Assembly judge(Solution& s) {
   Island& island = s.island;
   // As the last step was found: multipliers decide about the contacts of a mixed step, also in a descent.
-  Assembly a = residual_of(island, s.searches || s.far, s.searches);
+  Assembly a = residual_of(island, s.searches);
   s.changed = update_directs(island);
   measure_residual(island, a);
   island.result.residual = a.scale > 0 ? a.residual / a.scale : a.residual;
@@ -339,7 +339,7 @@ bool soften_contacts(Island& island) {
 // Computes Newton's step with the second derivatives of the potential. false: they are not definite, which
 // `indefinite_too` allows those of the tendons.
 bool find_exact_step(Solution& s, bool indefinite_too) {
-  residual_of(s.island, true, true);
+  residual_of(s.island, true);
   assemble(s.island, Linearisation::position, false, false);
   return solve_linear(s.island, s.context, false, indefinite_too);
 }
@@ -356,7 +356,7 @@ void line_search(Solution& s) {
   for (int trial = 0; trial < kMostTrials; ++trial) {
     advance_along_arc(island, at, alpha);
     at = alpha;
-    Assembly a = residual_of(island, true, true);
+    Assembly a = residual_of(island, true);
     measure_residual(island, a);
     const double slope = slope_along_arc(island, alpha);
     const bool finite = std::isfinite(slope), first = hi == HUGE_VAL;
@@ -391,7 +391,7 @@ void leave_saddle(Solution& s) {
   s.start_anew();
   if (!find_exact_step(s, true) || !find_buckling_mode(island, s.options())) return;
   advance_along_arc(island, 0, kDisturbance);
-  residual_of(island, true, true);
+  residual_of(island, true);
   if (slope_along_arc(island, 0) < 0) line_search(s);
 }
 
@@ -461,7 +461,7 @@ bool find_step(Solution& s, const Assembly& a) {
       return true;
     }
     // The matrix is indefinite: solve again without the indefinite terms of compression and contacts.
-    residual_of(island, true, s.descends);
+    residual_of(island, s.descends);
   }
   assemble(island, s.descends ? Linearisation::position : Linearisation::multiplier, true, true);
   return solve_linear(island, s.context, true);
@@ -497,7 +497,7 @@ void stay(Island& island) {
 }
 
 double evaluated_potential(Island& island) {
-  residual_of(island, true);
+  residual_of(island, false);
   return potential(island);
 }
 

@@ -43,7 +43,7 @@ GeneralizedBody body_of_one_link(int number) {
 // false: the tendons' matrix has no factors in either linearisation.
 bool World::linearise_tendons(Island& island) {
   for (const bool definite : {false, true}) {
-    Assembly a = residual_of(island, definite, true);
+    Assembly a = residual_of(island, true);
     measure_residual(island, a);
     assemble(island, Linearisation::position, definite, definite);
     if (eliminate_tendons(island, step_.context)) return true;
