@@ -184,3 +184,17 @@ def test_velocity_damping_decays_as_its_differential_equation(make_world):
         assert t.velocities[1, 0] == pytest.approx(v, rel=1e-6)
     assert v < 0.8 * start
     assert v == pytest.approx(start / (1 + start * rate * 200 * h), rel=2e-2)
+
+
+@pytest.mark.parametrize(
+    "options", [{}, {"integrator": "bdf2"}, {"iteration": "single"}, {"integrator": "explicit_euler"}]
+)
+def test_a_rigid_grip_bears_the_force_on_its_particle(make_world, options):
+    """The tendon is straight, without tension or weight: nothing else acts."""
+    world = make_world(1e-4, **options)
+    tendon = world.add_tendon([[0, 0, 0], [0.1, 0, 0]], 1e-3, bt.Material(stiffness=1e3), 5)
+    grip = tendon.grip(0)
+    tendon.set_force(0, (1.0, -2.0, 3.0))
+    world.step(5)
+    np.testing.assert_allclose(grip.force, (1.0, -2.0, 3.0), rtol=1e-9)
+    np.testing.assert_allclose(tendon.positions, np.outer(np.linspace(0, 0.1, 5), (1, 0, 0)), atol=1e-15)
