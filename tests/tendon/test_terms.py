@@ -384,6 +384,17 @@ def test_pairs(shares, seed):
     agree(pair(x)[2], -slopes(lambda at: pair(at)[1].ravel(), x, 1e-7))
 
 
+@pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-8, 1e-7, 1e-6])
+def test_the_block_of_parallel_segments_is_no_rounding(angle):
+    """Where both points can slide without end, only the first one does, and with it the other."""
+    turned = 1e-2 * np.array([np.cos(angle), np.sin(angle), 0])
+    x = np.array([[-1e-2, 0, 1.9e-3], [1e-2, 0, 1.9e-3], -turned, turned])
+    _, forces, block = _core.testing.pair_term(x, 2e-3, 1e4, 3.0, x)
+    normal_force = np.sum(forces[:2], 0)[2]
+    assert np.abs(block).max() < 1e4
+    assert np.linalg.eigvalsh(block).min() == pytest.approx(-normal_force / 1.9e-3)
+
+
 CROSSED = np.array([[-3e-3, 0, 1.9e-3], [2e-3, 0, 1.9e-3], [0, -2e-3, 0], [1e-3, 4e-3, 0]])
 
 

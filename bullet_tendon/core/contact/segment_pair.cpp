@@ -21,6 +21,11 @@ namespace bt {
 
 namespace {
 
+// Square of the sine between two segments up to which the term of the point that slides along the second one
+// is left out [-]. Smaller: that of parallel segments is rounding, and stiffer than the tendon by so much
+// that the matrix is not definite. Larger: tendons that cross take more iterations.
+constexpr double kLeastSquaredSine = 1e-6;
+
 bool is_inside(double u, double w) { return u > 0 && u < 1 && w > 0 && w < 1; }
 
 }  // namespace
@@ -89,7 +94,7 @@ void Contact::add_pair_sliding_terms(const Vec3 (&x)[4], bool definite) {
   const double mixed = inside_a ? ab / aa : 0,
                rest = bb - mixed * ab;  // elimination in S, as by its Cholesky factors
   for (int i = 0; i < 4; ++i) vb[i] += -mixed * va[i];
-  if (rest > 0) take(vb, 1 / rest);
+  if (rest > kLeastSquaredSine * bb) take(vb, 1 / rest);
 }
 
 }  // namespace bt
