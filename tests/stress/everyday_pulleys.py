@@ -538,7 +538,7 @@ def yoyo(scene):
     driven = G / (1 + inertia / (mass * a * a))
     # Until a turn is left, or it spins at 80 rad/s: pybullet cuts off 100 rad/s.
     way = min(1.4 * math.pi * a * (turns - 1), (80 * a) ** 2 / (2 * driven))
-    scene.run(min(600, max(20, round(math.sqrt(2 * way / driven) / scene.dt))))
+    scene.run(min(600, max(2, round(math.sqrt(2 * way / driven) / scene.dt))))
     motion, fallen = scene.raw.getBaseVelocity(spool), -scene.place(spool)[0][2]
     share = tendon.length * math.pi * radius**2 * 1000 / mass
     scene.near("rolling speed [m/s]", motion[0][2], motion[1][1] * a, rel=0.02 + chord_error(tendon, a))
