@@ -40,9 +40,7 @@ _NEAR = 1.0  # m; a convex shape is at a distance below 0 from itself
 _MARGINS = 2e-3, 5.5e-3  # m; more than pybullet adds around triangles (1 mm, turned) and hulls (up to 3 mm)
 _ANOTHER_SIZE = 0.05  # of the link, by which a mesh that the caller gives may differ from pybullet's
 _PRISM_SIDES = 32  # of the hull that stands for a URDF cylinder
-_SPHERES_MARGIN = (
-    0.04  # m; of a shape of several spheres. loadMJCF's compounds have none, loadURDF's have one
-)
+_SPHERES_MARGIN = 0.04  # m; of a shape of several spheres. Compounds of loadMJCF have none
 _NEW_BASE = b"link0"  # name that createMultiBody gives to a base
 
 

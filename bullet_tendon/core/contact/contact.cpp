@@ -93,16 +93,16 @@ void Contact::linearise(bool definite) {
   }
   if (normal_force.pressed && curvature.any()) {
     const double least = definite ? 0 : -std::numeric_limits<double>::infinity();
-    const Vec3 across = cross(curvature.direction, geometry.normal);
+    const Vec3 beside = cross(curvature.direction, geometry.normal);
     force.turning =
         (normal_force.lambda_predicted * std::max(curvature.along, least)) * outer(curvature.direction);
-    force.turning += (normal_force.lambda_predicted * std::max(curvature.across, least)) * outer(across);
+    force.turning += (normal_force.lambda_predicted * std::max(curvature.across, least)) * outer(beside);
     force.block += force.turning;
   }
   if (friction.coefficient <= 0 || friction.limit <= 0 || (normal_force.direct && !normal_force.held)) return;
   if (!friction.sliding) {
     force.linear += -friction.stiffness * friction.raw;
-    force.block += friction.stiffness * bt::across(geometry.normal);
+    force.block += friction.stiffness * across(geometry.normal);
     return;
   }
   force.linear += friction.force;
@@ -110,7 +110,7 @@ void Contact::linearise(bool definite) {
   if (stretch == 0) return;
   const Vec3 along = (1 / stretch) * friction.raw;
   force.block += (std::min(friction.limit, friction.stiffness * stretch) / stretch) *
-                 (bt::across(geometry.normal) + (-1.0) * outer(along));
+                 (across(geometry.normal) + (-1.0) * outer(along));
 }
 
 void Contact::bear(double load, double sticking_ratio) {
