@@ -59,19 +59,14 @@ bool update_direct(Island& island, Contact& contact) {
   return true;
 }
 
-// Evaluates a contact at tendon.x_new, with its present contact points.
-void evaluate(Island& island, Contact& contact, bool at_position) {
-  follow(island, contact);
-  contact.evaluate(relative_position(island, contact, &Tendon::x_new), at_position);
-}
-
 Assembly residual_of(Island& island, bool at_position) {
   Assembly a;
   clear_loads(island);
   clear_pulls(island);
   for (Tendon* c : island.tendons) a.scale = std::max(a.scale, tendon_residual(*c));
   for (Contact* contact : island.contacts) {
-    evaluate(island, *contact, at_position);
+    follow(island, *contact);
+    contact->evaluate(relative_position(island, *contact, &Tendon::x_new), at_position);
     if (!contact->acts()) continue;
     a.scale = std::max(a.scale, max_abs(contact->force.total));
     exert(island, *contact, contact->force.total, &Tendon::residual);

@@ -54,7 +54,7 @@ void follow(Island& island, Contact& contact);
 // Lists the contacts that enter the matrix (island.acting), computes their parts of it, and adds what is
 // within the bands. slide: with the terms of points that slide; definite: which stay positive definite.
 void linearise_contacts(Island& island, bool slide, bool definite);
-// The matrix of an evaluated contact. link: which moves with the unknowns of its body, else null. turned: the
+// The matrix of a linearised contact. link: which moves with the unknowns of its body, else null. turned: the
 // segment of the contact [m], if the surface turns with the link in the matrix, else null. all_turn: all
 // surfaces do, and their loads have the arms of material points.
 void find_matrix(const Contact& contact, const Link* link, const Vec3* turned, bool all_turn,
