@@ -199,3 +199,30 @@ def test_a_motor_whose_aim_changes_is_not_taken_for_one_that_yields(client, make
         solved_again += world.report.reasons.get("released", 0)
         assert p.getJointState(rail, 0, client)[1] == pytest.approx(speed, abs=1e-3)
     assert solved_again <= 5
+
+
+@pytest.mark.parametrize("load", [1.6, 2.0, 3.0])
+def test_a_motor_holds_a_load_that_would_throw_its_joint_at_more_than_pybullet_allows(
+    client, make_world, load
+):
+    """A light crank lifts a weight whose snatches give it 60 to 200 rad/s in a step, were there no motor.
+
+    pybullet cuts off the rate before its motor acts, and reports the force for what is left of it.
+    """
+    dt, arm, speed = 1 / 130, 0.025, 0.7
+    world = make_world(dt, GRAVITY)
+    shape = p.createCollisionShape(p.GEOM_CYLINDER, radius=0.008, height=0.03, physicsClientId=client)
+    crank = links_on_joints(client, p.JOINT_REVOLUTE, [0.6], [(0, -1, 0)], shape)
+    p.setJointMotorControl2(crank, 0, p.VELOCITY_CONTROL, 0.0, speed, 1e5, physicsClientId=client)
+    cord = bt.Material(stiffness=1e6, exponent=2.0, toe_strain=0.03, tension_only=True, damping=200.0)
+    tendon = world.add_tendon([(arm, 0, 0), (arm, 0, -0.2)], 0.002, cord, 16)
+    pin = tendon.attach(0, crank, 0)
+    tendon.set_point_mass(-1, load)
+    for step in range(120):
+        world.step()
+        turned = p.getJointState(crank, 0, client)[0]
+        assert turned == pytest.approx(speed * dt * (step + 1), abs=1e-6)
+        if step > 1:
+            away = np.linalg.norm(tendon.positions[0] - arm * np.array([np.cos(turned), 0, np.sin(turned)]))
+            assert away < 1e-6
+    assert -pin.force[2] == pytest.approx(load * 9.81, rel=0.01)

@@ -135,8 +135,9 @@ void GeneralizedBody::leave_out(double share, double dt) {
 // motors, by what pybullet reports of them.
 Numbers GeneralizedBody::explain_stops(const Numbers& reported, const Numbers& reached) {
   JointMotors& motors = stops.motors;
-  const Numbers by_motors =
+  Numbers by_motors =
       observer.forces_of_motors(reached, unforced(), {motors.reported_before, reported, motors.off});
+  motors.add_cut_off(reached, observer.cut_off(known_in_step_), by_motors);
   stops.explain(stopped(), forces, by_motors);
   return by_motors;
 }

@@ -106,6 +106,12 @@ bool JointMotors::observe(const Numbers& reached, const Numbers& forces, double 
   return any;
 }
 
+void JointMotors::add_cut_off(const Numbers& reached, const Numbers& cut_off, Numbers& forces) const {
+  for (size_t i = 0; i < std::min(all.size(), forces.size()); ++i)
+    if (forces[i] != 0 && std::fabs(reached[i] - all[i].foreseen) <= kEvidence * kMostRate)
+      forces[i] += cut_off[i];
+}
+
 void JointMotors::begin(const Numbers& rates) {
   if (!all.empty() || reported.size() != rates.size()) return;
   for (size_t i = 0; i < rates.size(); ++i) all.push_back(starting(rates[i], reported[i]));

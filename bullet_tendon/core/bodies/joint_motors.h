@@ -17,7 +17,8 @@
 //          is short by much, unless the motor was within a limit that is known, or its aim has changed by as
 //          much before.
 //
-// pybullet reports a wrong force of a motor that is off (Observer::forces_of_motors).
+// pybullet reports a wrong force of a motor that is off (Observer::forces_of_motors), and too small a one
+// where it cuts off the rate (JointMotors::add_cut_off).
 //
 // A motor that yields where it was not foreseen to has released its joint: the step is solved again
 // (world/resolve.cpp).
@@ -56,6 +57,9 @@ class JointMotors {
   bool observe(const Numbers& reached, const Numbers& forces, double dt);
   // Whether any has released its joint, by the same.
   bool released(const Numbers& reached, const Numbers& forces) const;
+  // Adds to the forces (n) of those that held their joints the ones (n) by which pybullet cut off the rates
+  // before they acted: what they hold is as large as that.
+  void add_cut_off(const Numbers& reached, const Numbers& cut_off, Numbers& forces) const;
   // Sets the aims foreseen for a step of dt [s].
   void foresee(double dt);
   void begin_step() {

@@ -117,6 +117,18 @@ Numbers Observer::forces_of_motors(const Numbers& rates, const Numbers& gravity,
   return forces;
 }
 
+Numbers Observer::cut_off(const Numbers& known) {
+  Numbers forces(n_);
+  if (!has_acted() || static_cast<int>(known.size()) != n_) return forces;
+  respond(root_, applied_, work_.one, work_.other);
+  for (int i = 0; i < n_; ++i) {
+    const double rate = rates_[i] + dt_ * (known[i] + work_.other[i]);
+    forces[i] = (std::clamp(rate, -kMostRate, kMostRate) - rate) / dt_;
+  }
+  dense::solve(root_, forces);
+  return forces;
+}
+
 void Observer::measure(const Numbers& rates, const Numbers& gravity, const Numbers& motors) {
   work_.now.forces = applied_;
   add(work_.now.forces, 1, motors);

@@ -63,6 +63,9 @@ class Observer {
     Numbers& off;
   };
   Numbers forces_of_motors(const Numbers& rates, const Numbers& gravity, const Reported& reported);
+  // Generalized forces (n) by which pybullet cut off the rates in the last step, before its motors acted.
+  // known: accelerations in it beside those by what acts (n).
+  Numbers cut_off(const Numbers& known);
   // Takes forces of the tendons that are expected in the next step (n).
   void expect(const Numbers& forces) { forces_ = forces; }
   // Turns what is known of a slender rigid body's last steps with the body, to these axes of it and its free
