@@ -1155,7 +1155,9 @@ def gripped_cord(scene):
     scene.begin()
     scene.energy = False  # the motors' work
     load, radius, length = scene.log(0.01, 2), scene.log(5e-4, 3e-3), 0.3
-    material = scene.material(G * load, friction=1.0, damping=rounded(G * load * scene.log(0.3, 3)))
+    damping = rounded(G * load * scene.log(0.3, 3))
+    # One that can push is a strut where the hand comes down, and pushes the jaws aside.
+    material = scene.material(G * load, friction=1.0, damping=damping, tension_only=True)
     cord = scene.world.add_tendon([(0, 0, 0), (0, 0, -length)], radius, material, scene.whole(6, 40))
     hand = cord.grip(0)
     weight = scene.body("sphere", (0.01,), load, (0, 0, -length))
