@@ -7,6 +7,7 @@ from link_scenes import links_on_joints
 
 import bullet_tendon as bt
 
+AXLE = p.getQuaternionFromEuler((np.pi / 2, 0, 0))
 RADIUS, BAR, HALF = 0.002, 0.01, 0.1  # m: of the cord, of the bar; half the cord's length
 
 
@@ -80,3 +81,28 @@ def test_a_smooth_wheel_on_an_oblique_hinge(make_world, client, yaw, integrator)
         assert world.report.converged
         assert world.report.counts["linear_solves"] < 400
     assert abs(p.getJointState(body, 0, physicsClientId=client)[1]) < 1e-6
+
+
+@pytest.mark.parametrize("over", [100, 180, 300])
+@pytest.mark.parametrize("particles", [30, 47])
+def test_a_thin_cord_does_not_turn_a_large_smooth_wheel(make_world, client, over, particles):
+    """A weight on it swings; every force on the wheel passes through its axle."""
+    radius, mass = 0.1, 0.3
+    thin = radius / over
+    shape = p.createCollisionShape(p.GEOM_CYLINDER, radius=radius, height=0.03, physicsClientId=client)
+    wheel = links_on_joints(client, p.JOINT_REVOLUTE, [0.4], [(0, 0, 1)], shape, turned=AXLE)
+    p.setJointMotorControl2(wheel, 0, p.VELOCITY_CONTROL, force=0, physicsClientId=client)
+    world = make_world(1 / 240, (0, 0, -9.81))
+    world.add_obstacle(wheel, 0, friction=0.0)
+    angle, off = np.linspace(np.pi, 0, 60)[:, None], radius + thin
+    arc = off * np.hstack([np.cos(angle), 0 * angle, np.sin(angle)])
+    line = np.vstack([[-off, 0, -0.3], arc, [off, 0, -0.3]])
+    cord = bt.Material(stiffness=1500.0, damping=0.1)
+    tendon = world.add_tendon(line, thin, cord, particles)
+    tendon.set_point_mass(0, mass)
+    hand = tendon.grip(-1)
+    for step in range(120):
+        hand.target = (off, 0, -0.3 - 0.06 * step / 120)
+        world.step()
+        assert abs(world.wrench(wheel, 0)[4]) < 1e-9 * radius * mass * 9.81
+    assert tendon.tension[0] > 0

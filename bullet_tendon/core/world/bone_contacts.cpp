@@ -144,8 +144,7 @@ std::vector<Plane> ends_along(NearCache& cache, const Shape& shape, const Surfac
   const auto ends = over.ends(shortest / length);
   if (!ends) return {};
   const auto& [from, to] = *ends;
-  const bool between = std::min(e.now.u - from.u, to.u - e.now.u) * length > c.radius;
-  if (between && over.turns(from, to, c.radius)) return {};
+  if (over.turns(from, to, c.radius)) return {};
   std::vector<Plane> inside;
   for (Plane plane : {from, to}) {
     if (plane.u == 0 || plane.u == 1) continue;
