@@ -130,3 +130,32 @@ def test_a_weight_let_go_moves_as_it_does_alone(make_world, client):
         return tendon.positions
 
     assert np.array_equal(let_go(False), let_go(True))
+
+
+@pytest.mark.parametrize("particles", [2, 5])
+@pytest.mark.parametrize("damping", [20.0, 200.0, 2000.0])
+@pytest.mark.parametrize("slack", [2.3, 2.8])
+def test_a_weight_that_pulls_its_slack_cord_taut_gets_no_energy(
+    make_world, client, particles, damping, slack
+):
+    """slack: in steps of flight. What the springs did while slack is no rate at which they are damped."""
+    dt, speed, length = 1 / 240, 3.0, 0.1
+    world = make_world(dt, integrator="bdf2")
+    law = {"stiffness": 1.1e6, "exponent": 2.0, "toe_strain": 0.03, "tension_only": True}
+    start = [length - (slack + 2.5) * speed * dt, 0, 0]
+    cord = bt.Material(damping=damping, **law)
+    t = world.add_tendon([[0, 0, 0], start], 0.002, cord, particles, rest_length=length)
+    t.grip(0)
+    t.set_point_mass(-1, 0.05)
+    for _ in range(4):
+        for i in range(1, particles):
+            speed_of = speed * i / (particles - 1)
+            t.set_force(i, (t.masses[i] * speed_of / (4 * dt), 0, 0))
+        world.step()
+    for i in range(1, particles):
+        t.set_force(i, (0, 0, 0))
+    energies = []
+    for _ in range(60):
+        world.step()
+        energies.append(t.energy)
+    assert max(energies) <= (1 + 1e-6) * energies[0]

@@ -11,10 +11,10 @@ namespace bt {
 
 namespace {
 
-// A tendon in contact takes its next step by implicit Euler if its velocities differ from their linear
-// extrapolation by more than this: squared difference over squared velocities, weighted by mass [-]. Larger:
-// heaps keep vibrating with BDF2. Smaller: a tendon in contact that swings with a period of more than about
-// 17 steps loses second order.
+// A tendon that something stops takes its next step by implicit Euler if its velocities differ from their
+// linear extrapolation by more than this: squared difference over squared velocities, weighted by mass [-].
+// Larger: heaps keep vibrating with BDF2. Smaller: a tendon in contact that swings with a period of more than
+// about 17 steps loses second order.
 constexpr double kRough = 0.01;
 
 bool moves_body(const Tendon& c) {
@@ -65,7 +65,12 @@ BT_VECTOR void begin_step(Tendon& c, const StepContext& context) {
     s->start = s->history = s->length;
     if (!two) continue;
     measure(*s, c.x_before);
-    for (int k = 0; k < s->count; ++k) s->history[k] += last * (s->length[k] - s->start[k]);
+    // What a spring that only pulls did while it was slack is no stretch of it, and no rate.
+    const double slack = c.material.law.tension_only ? 1 : 0;
+    for (int k = 0; k < s->count; ++k) {
+      const double least = slack * s->rest[k];
+      s->history[k] += last * (std::max(s->length[k], least) - std::max(s->start[k], least));
+    }
   }
   c.begin_tissue(method == Integrator::explicit_euler ? 0 : context.tissue_time);
 }
@@ -80,7 +85,8 @@ BT_VECTOR void find_velocities(Tendon& c) {
 }
 
 void finish_step(Tendon& c, const StepContext& context) {
-  c.smooth &= !c.touched || !is_jolted(c, context.dt);
+  const bool may_stop = c.touched || c.material.law.tension_only;
+  c.smooth &= !may_stop || !is_jolted(c, context.dt);
   c.x_before = c.x;
   c.v_before = c.v;
   c.x = c.x_new;
@@ -99,7 +105,8 @@ void finish_step(Tendon& c, const StepContext& context) {
   c.end_tissue(context.tissue_time);
 }
 
-// Restart of BDF2 by a step of implicit Euler, for tendons in contact.
+// Restart of BDF2 by a step of implicit Euler, for tendons in contact, and for those whose springs only pull:
+// slack ones that become taut stop their particles as contacts do.
 //
 // BDF2 retains velocities from before an impact. A particle of velocity V that a wall stops leaves the wall
 // with the following velocities, where h is its distance from the wall at the start of the step:
@@ -107,7 +114,7 @@ void finish_step(Tendon& c, const StepContext& context) {
 //   v_1 = V/2 - 3 h/(2 dt),     v_2 = (4 v_1 + V)/3,     ...     v_1 + (3/2) (v_2 - v_1),
 //
 // up to 5/4 V. A heap, in which particles are stopped all the time, would never come to rest. Therefore BDF2
-// does not continue where the velocities of a tendon in contact differ from the extrapolation of their last
+// does not continue where the velocities of such a tendon differ from the extrapolation of their last
 // change: the step in which they jump is solved again by implicit Euler, and so is the next one. It continues
 // one step after the motion is smooth again, so that smooth motion in contact keeps second order.
 

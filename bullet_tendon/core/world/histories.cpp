@@ -194,7 +194,8 @@ bool World::share_weights() {
   return changed;
 }
 
-// Ends the histories of tendons in contact whose velocities jump in this substep. true: there are some.
+// Ends the histories of tendons in contact, or of springs that only pull, whose velocities jump in this
+// substep. true: there are some.
 bool World::restart_jolted() {
   if (!is_second_order(options.integrator) || !carries(options)) return false;
   bool any = false;
@@ -208,6 +209,8 @@ bool World::restart_jolted() {
     for (const int tendon : {contact.a.tendon, contact.b.tendon})
       if (tendon >= 0) judge(*step_.slots[tendon]);
   }
+  for (auto [slot, c] : filled(step_.slots))
+    if (c.material.law.tension_only) judge(c);
   return any;
 }
 
