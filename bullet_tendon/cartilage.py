@@ -9,6 +9,7 @@ import hashlib
 from collections import OrderedDict
 from os import PathLike
 from pathlib import Path
+from threading import Lock
 from typing import NamedTuple
 
 import numpy as np
@@ -29,7 +30,8 @@ _FACING = -0.2  # mean cosine of the normals of surfaces that face each other, a
 _SMALLEST = 1e-26  # m^4, squared normal of a triangle with an area
 _MOST_GRIDS = 8  # that are kept in memory
 
-_grids: OrderedDict = OrderedDict()
+_grids: OrderedDict = OrderedDict()  # of all worlds
+_grids_lock = Lock()  # worlds may be in different threads
 
 
 @dataclasses.dataclass(frozen=True)
@@ -240,9 +242,10 @@ def grid_of(surface: Surface, spacing: float, thickness: float, cache: Path | No
     """
     depth = _DEPTH * thickness
     key = surface.digest(), spacing, depth
-    if key in _grids:
-        _grids.move_to_end(key)
-        return _grids[key]
+    with _grids_lock:
+        if key in _grids:
+            _grids.move_to_end(key)
+            return _grids[key]
     grid = _read_grid(cache, key) if cache is not None else None
     if grid is None:
         distance = _core.SignedDistance(surface.vertices, surface.triangles)
@@ -257,9 +260,10 @@ def grid_of(surface: Surface, spacing: float, thickness: float, cache: Path | No
         if cache is not None:
             with open(cache, "wb") as file:
                 np.savez(file, key=np.array(repr(key)), numbers=grid.numbers())
-    _grids[key] = grid
-    while len(_grids) > _MOST_GRIDS:
-        _grids.popitem(last=False)
+    with _grids_lock:
+        _grids[key] = grid
+        while len(_grids) > _MOST_GRIDS:
+            _grids.popitem(last=False)
     return grid
 
 

@@ -1,6 +1,8 @@
 """Cartilage: its pressure, its derivatives, and bodies that rest and fall on it."""
 
 import math
+import threading
+from collections import OrderedDict
 
 import numpy as np
 import pybullet as p
@@ -467,6 +469,41 @@ def test_the_grid_is_kept_beside_the_mesh(make_world, client, tmp_path):
     (tmp_path / "plate.obj.distances.npz").write_bytes(b"nonsense")
     pad = make_world().add_cartilage((stand, -1, path), (slab, -1, plate(5, 0.01, up=False)), cache=True)
     np.testing.assert_array_equal(pad.depths(), depths[0])
+
+
+class Observed(OrderedDict):
+    """A dictionary that calls `asked` when it has been asked for a key."""
+
+    asked = None
+
+    def __contains__(self, key):
+        found = super().__contains__(key)
+        if self.asked is not None:
+            self.asked()
+        return found
+
+
+def test_worlds_in_several_threads_share_the_grids(monkeypatch):
+    """One finds a grid in memory while another makes as many as are kept there, which drop it."""
+    surfaces = [bt.cartilage.Surface(*plate(1, 0.01 * (k + 1))) for k in range(bt.cartilage._MOST_GRIDS + 1)]
+    grids = Observed()
+    monkeypatch.setattr(bt.cartilage, "_grids", grids)
+
+    def find(surface):
+        return bt.cartilage.grid_of(surface, 0.005, 0.01, None)
+
+    others = threading.Thread(target=lambda: [find(surface) for surface in surfaces[1:]])
+
+    def begin_others():
+        grids.asked = None
+        others.start()
+        others.join(0.2)  # they wait, or have ended
+
+    first = find(surfaces[0])
+    grids.asked = begin_others
+    assert find(surfaces[0]) is first
+    others.join()
+    assert len(grids) == bt.cartilage._MOST_GRIDS
 
 
 def test_bad_calls_change_nothing(make_world, client):
