@@ -1,7 +1,10 @@
 """Cartilage: its pressure, its derivatives, and bodies that rest and fall on it."""
 
+import ctypes
 import math
+import sys
 import threading
+import time
 from collections import OrderedDict
 
 import numpy as np
@@ -504,6 +507,35 @@ def test_worlds_in_several_threads_share_the_grids(monkeypatch):
     assert find(surfaces[0]) is first
     others.join()
     assert len(grids) == bt.cartilage._MOST_GRIDS
+
+
+@pytest.fixture
+def undisturbed():
+    """No thread is made to give the interpreter away."""
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(1000)
+    yield
+    sys.setswitchinterval(interval)
+
+
+def test_a_grid_becomes_an_object_while_its_thread_has_the_interpreter(undisturbed):
+    """Its distances are found while another thread runs, but no object changes until that one waits."""
+    arguments = _core.SignedDistance(*plate(4, 0.02)), 0.0005, 0.005
+    begun = time.perf_counter()
+    _core.DistanceGrid(*arguments)
+    needed = time.perf_counter() - begun
+    grid = _core.DistanceGrid.__new__(_core.DistanceGrid)
+    head = object.__basicsize__
+    memory = lambda: ctypes.string_at(id(grid) + head, _core.DistanceGrid.__basicsize__ - head)  # noqa: E731
+    empty = memory()
+    maker = threading.Thread(target=grid.__init__, args=arguments)
+    maker.start()
+    before, end = memory(), time.perf_counter() + 10 * needed
+    while time.perf_counter() < end:
+        pass
+    assert memory() == before
+    maker.join()
+    assert memory() != empty
 
 
 def test_bad_calls_change_nothing(make_world, client):

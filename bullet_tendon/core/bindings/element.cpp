@@ -186,10 +186,11 @@ void bind_elements(py::module_& m, GuardedWorld& world) {
         return out;
       });
   py::class_<DistanceGrid, Grid>(m, "DistanceGrid")
+      // A call guard would hold while pybind11 enters the object in its table of instances, too.
       .def(py::init([](const SignedDistance& distance, double spacing, double depth) {
-             return std::make_shared<DistanceGrid>(distance, spacing, depth);
-           }),
-           py::call_guard<py::gil_scoped_release>())
+        py::gil_scoped_release release;
+        return std::make_shared<DistanceGrid>(distance, spacing, depth);
+      }))
       .def_static("of_numbers",
                   [](const std::vector<double>& numbers) { return std::make_shared<DistanceGrid>(numbers); })
       .def("numbers", &DistanceGrid::numbers);
