@@ -107,3 +107,13 @@ def test_rotation_goes_smoothly_round_the_corner_of_pybullets(off):
     angle = min(CORNER + off, 2 * np.arctan(c * (CORNER + off)))
     rotation = np.array(rotated(AXES[0], np.zeros(3), theta, np.zeros((1, 3)), np.zeros((1, 3)))[0])
     assert np.arccos((np.trace(rotation) - 1) / 2) == pytest.approx(angle, abs=1e-4)
+
+
+@pytest.mark.parametrize("off", [-5e-4, -1e-4, 0, 3e-4, 7e-4])
+def test_the_rotation_vector_is_found_to_rounding_where_slowing_sets_in(off):
+    """A slender body that turns across its axis alone turns as pybullet does: nothing has to be added."""
+    across = np.array([0.8, -0.6, 0.0])
+    assert across @ AXES[1] == pytest.approx(0, abs=1e-15)
+    none = np.zeros((1, 3))
+    *_, beyond = rotated(AXES[1], np.zeros(3), (CORNER + off) * across, none, none)
+    np.testing.assert_allclose(beyond, 0, atol=1e-15)
