@@ -41,6 +41,23 @@ def test_crossed_strands_that_a_body_carries(make_world, client, mass):
     assert np.median(errors) <= 1e-5
 
 
+def test_crossed_strands_whose_ends_change_bodies(make_world, client):
+    """Columns of a body do not move an end that it no longer carries. Two bodies fill more than a panel."""
+    world = make_world(1 / 240, gravity=(0, 0, -9.81))
+    bodies = [block(client, 0.05, half=[0.03, 0.01, 0.005]) for _ in range(2)]
+    law = bt.Material(stiffness=500.0, density=1100.0, friction=0.0)
+    for side in (-1, 1):
+        foot, top = np.array([0.02 * side, 6e-4 * side, 0.006]), np.array([-0.02 * side, 6e-4 * side, 0.052])
+        world.add_tendon([top, foot], 5e-4, law, particles=3).grip(0, target=top - [0, 2e-3 * side, 0])
+    for order in (1, -1):
+        ends = [t.attach(-1, body) for t, body in zip(world.tendons, bodies[::order], strict=True)]
+        errors = errors_of(world, 10)
+        assert (world.contacts["normal_force"] > 0).any()
+        assert np.median(np.abs(errors)) <= 1e-5
+        for end in ends:
+            end.release()
+
+
 def test_a_held_bore_and_its_mouth(make_world):
     """The contact point slides along its segment and around the edge of the mouth."""
     world = make_world(1 / 240)
