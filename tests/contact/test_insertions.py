@@ -216,3 +216,25 @@ def test_an_open_mesh_encloses_nothing():
     vertices, faces = mesh_of("ball", 12)
     assert shapes.mesh(vertices, faces).solid is not None
     assert shapes.mesh(vertices, faces[vertices[faces].mean(1)[:, 2] < 0]).solid is None
+
+
+@pytest.mark.parametrize("turn", [0.4, 0.6, 0.8])
+def test_a_tendon_departs_from_a_wheel_alike_at_every_height(make_world, client, turn):
+    """It runs around the side of a long cylinder, across its axis, from a point of its surface."""
+    angle = np.linspace(0, turn, 8)
+    off = HALF + np.where(angle > 0, RADIUS, 0)
+    arc = np.stack([off * np.cos(angle), off * np.sin(angle), 0 * angle], 1)
+    along = np.array([-np.sin(turn), np.cos(turn), 0])
+    shape = p.createCollisionShape(p.GEOM_CYLINDER, radius=HALF, height=0.2, physicsClientId=client)
+    found = []
+    for height in (0, 0.05):
+        world = make_world()
+        body = p.createMultiBody(0, shape, -1, (0, 0, -height), physicsClientId=client)
+        world.add_obstacle(body, friction=0.0)
+        t = world.add_tendon([*arc, arc[-1] + 0.03 * along], RADIUS, MATERIAL)
+        t.attach(0, body)
+        t.grip(-1, target=t.positions[-1] + 3e-4 * along)
+        world.step(120)
+        assert (world.contacts["normal_force"] > 0).sum() >= 3
+        found.append(t.positions)
+    np.testing.assert_allclose(*found, atol=1e-10)
