@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <set>
 #include <vector>
 
 #include "solver/assembly.h"
@@ -140,6 +141,17 @@ void World::collect_contacts() {
   for (const SegmentPair& p : detection_.pairs)
     for (int k = 0; k < p.count; ++k) pair_contact(p, p.points[k]);
   drop_contacts_of_torn();
+  constrain_once();
+}
+
+// A particle is constrained by one contact at most. The others on it are springs, whose forces that one
+// balances: what a body supplies along two normals is not told by the residual of the particle.
+void World::constrain_once() {
+  if (options.bone_contact != BoneContact::constraint) return;
+  std::set<std::pair<int, int>> constrained;
+  for (Contact& c : contacts_.all)
+    if (c.normal_force.direct)
+      c.normal_force.direct = constrained.emplace(c.a.tendon, particle_of(c)).second;
 }
 
 // share: of the substep, in which a tendon can pass through nothing.

@@ -417,6 +417,7 @@ class World {
   void collect_contacts();
   void limit_motion(Tendon& c, double share);
   void drop_contacts_of_torn();
+  void constrain_once();
   void find_pairs();
   void pair_contact(const SegmentPair& pair, const PairPoint& at);
   void add_link_contact(Contact& contact, int link, double friction);
