@@ -220,3 +220,20 @@ def test_colliding_tendons_keep_their_momentum(make_world, speed, iteration):
             assert between(low.positions, high.positions) >= 0.98 * 2 * RADIUS
     assert touched
     assert np.abs((low.masses[:, None] * low.velocities).sum(0)).max() > 0.05 * size
+
+
+def test_friction_of_a_constrained_end_that_is_pushed_on_a_plate(make_world, client):
+    """What stops a particle within an iteration is no normal force: its friction would throw the next one."""
+    world = make_world(1 / 240, (0, 0, -9.81), bone_contact="constraint", on_failure="warn")
+    shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.2, 0.2, 0.02], physicsClientId=client)
+    plate = p.createMultiBody(0, shape, -1, (0, 0, -0.02), physicsClientId=client)
+    world.add_obstacle(plate, friction=1.0)
+    way, foot = np.array([math.sin(0.2), 0, math.cos(0.2)]), np.array([0, 0, 1.05e-3])
+    cord = bt.Material(stiffness=500.0, damping=0.5, friction=0.7)
+    t = world.add_tendon([foot, foot + 0.05 * way], 1e-3, cord, 30)
+    t.set_force(-1, -0.2 * way)
+    solves = 0
+    for _ in range(40):
+        world.step()
+        solves += world.report.counts["linear_solves"]
+    assert solves < 60_000

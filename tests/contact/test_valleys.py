@@ -33,11 +33,12 @@ def saddle(world, client, rows, columns, sizes, bulge, groove):
     mesh_obstacle(world, client, vertices, faces, friction=1.0)
 
 
+@pytest.mark.parametrize("contact", ["spring", "constraint"])
 @pytest.mark.parametrize("friction", [0.0, 0.3])
 @pytest.mark.parametrize(("half_angle", "tilt"), [(0.6, 0.0), (0.8, 0.3), (1.45, 0.04)], ids=str)
-def test_both_sides_carry_the_weight(make_world, client, half_angle, tilt, friction):
+def test_both_sides_carry_the_weight(make_world, client, half_angle, tilt, friction, contact):
     """At rest, with the forces that statics gives where there is no friction, and without a tremor."""
-    world = make_world(1 / 240, (0, 0, -G))
+    world = make_world(1 / 240, (0, 0, -G), bone_contact=contact)
     body = groove(world, client, half_angle, tilt)
     up = RADIUS / math.sin(half_angle) * np.array([0, -math.sin(tilt), math.cos(tilt)])
     t = world.add_tendon(

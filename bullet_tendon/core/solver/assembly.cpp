@@ -79,9 +79,10 @@ Assembly residual_of(Island& island, bool at_position) {
   return a;
 }
 
-void predict_contacts(Island& island, bool keeps_limits) {
+void predict_contacts(Island& island, bool keeps_limits, bool far) {
   for (Contact* contact : island.contacts)
-    contact->predict(relative_position(island, *contact, &Tendon::dx), keeps_limits);
+    contact->predict(relative_position(island, *contact, &Tendon::dx),
+                     keeps_limits || (far && contact->normal_force.direct));
 }
 
 void predict_anchors(Island& island) {

@@ -29,8 +29,9 @@ Assembly residual_of(Island& island, bool at_position);
 // Removes the constraint forces from the residual and computes its norms.
 void measure_residual(Island& island, Assembly& a);
 // Predicts the multipliers of the contacts from tendon.dx, before the step is taken, and their friction
-// limits, unless it keeps them.
-void predict_contacts(Island& island, bool keeps_limits);
+// limits, unless it keeps them. far: from the solution, where the residual of a particle that a direct
+// contact has just moved is no force of that contact.
+void predict_contacts(Island& island, bool keeps_limits, bool far);
 // Predicts from tendon.dx which anchors are at the limit of their force.
 void predict_anchors(Island& island);
 // Updates the multipliers of the springs to the forces that the linearisation predicts for tendon.dx.

@@ -479,7 +479,7 @@ void take_step(Solution& s) {
     return;
   }
   carry_springs(island);
-  predict_contacts(island, s.keeps_limits);
+  predict_contacts(island, s.keeps_limits, s.far);
   predict_anchors(island);
   advance_along_arc(island, 0, 1);
   // Contacts are stiff across the tendon. With contacts, the positions of particles matter more than the

@@ -150,8 +150,7 @@ void World::constrain_once() {
   if (options.bone_contact != BoneContact::constraint) return;
   std::set<std::pair<int, int>> constrained;
   for (Contact& c : contacts_.all)
-    if (c.normal_force.direct)
-      c.normal_force.direct = constrained.emplace(c.a.tendon, particle_of(c)).second;
+    if (c.normal_force.direct) c.normal_force.direct = constrained.emplace(c.a.tendon, particle_of(c)).second;
 }
 
 // share: of the substep, in which a tendon can pass through nothing.
