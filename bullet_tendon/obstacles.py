@@ -70,6 +70,9 @@ class Obstacles:
             checks.integer("linkIndex", link, at_least=-1)
         keys = [k for k in self._by_link if k[0] == body and link in (None, k[1])]
         if not keys:
+            added = [index for number, index in self._by_link if number == body]
+            if added:
+                raise UnknownId("linkIndex", link, f"a link that was added as an obstacle: {sorted(added)}")
             raise UnknownId("bodyUniqueId", body, "a body that was added as an obstacle")
         for key in keys:
             self._drop(key)

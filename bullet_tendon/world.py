@@ -45,6 +45,10 @@ from .stepper import Stepper
 from .tendon import Tendon, particle_positions
 from .tunnels import Tunnel
 
+# Most of the rest length of a tendon in lengths of its polyline [-]. Particles nearer to each other than a
+# millionth of the rest length between them are spread, so that the polyline would not be the one given.
+MOST_SLACK = 1e5
+
 
 class TendonWorld(NotCopied):
     """The tendons of one pybullet client.
@@ -156,8 +160,8 @@ class TendonWorld(NotCopied):
                 penetrations. The next step gives an InsideWarning for each link that it is inside of then,
                 and not attached to there; and where obstacles are so near that they stretch it by 0.1 %.
             rest_length: length of its centreline without load [m], spread over the segments in proportion to
-                their lengths. The tendon starts where it is, under the tension that follows. None: it starts
-                without load.
+                their lengths; > 0, and at most 1e5 times the length of the polyline. The tendon starts where
+                it is, under the tension that follows. None: it starts without load.
             collides: whether it makes contacts (see Tendon.collides). Clearance in bores, and what is inside,
                 is looked at only where it does.
 
@@ -186,7 +190,8 @@ class TendonWorld(NotCopied):
             raise InvalidType("material", material, "a Material")
         collides = checks.flag("collides", collides)
         if rest_length is not None:
-            rest_length = checks.number("rest_length", rest_length, above=0)
+            length = float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum())
+            rest_length = checks.number("rest_length", rest_length, above=0, at_most=MOST_SLACK * length)
         if checks.choice("inside", inside, INSIDE) != "allow" and collides:
             line = self._readouts.surroundings().cleared(line, radius, inside)
         if collides:
@@ -825,6 +830,7 @@ class TendonWorld(NotCopied):
             raise InvalidValue("forces", forces, "none where no bodies are free")
         if within is not None and not callable(within):
             raise InvalidType("within", within, "a function without arguments, or None")
+        quiet = checks.flag("quiet", quiet)
         if bodies:
             has_tendons_left = self._balance(bodies, forces, tolerance, max_steps, within, quiet)
             for cartilage in self.cartilages:

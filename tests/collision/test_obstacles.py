@@ -229,10 +229,10 @@ def test_refused_obstacles_change_nothing(falling, client):
         assert caught.value.argument == argument
     falling.step(30)
     assert t.positions[:, 2].max() < 0
-    with pytest.raises(bt.UnknownId):
+    with pytest.raises(bt.UnknownId, match=f"bodyUniqueId = {body}: must be a body that"):
         falling.remove_obstacle(body)
     falling.add_obstacle(body)
-    with pytest.raises(bt.UnknownId):
+    with pytest.raises(bt.UnknownId, match=r"linkIndex = 3: must be a link .* obstacle: \[-1"):
         falling.remove_obstacle(body, 3)
     falling.remove_obstacle(body, -1)
 

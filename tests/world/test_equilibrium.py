@@ -746,6 +746,9 @@ def test_a_search_ends_at_the_last_place_that_is_allowed(make_world, client):
     np.testing.assert_allclose(place(body, client), found, rtol=0, atol=1e-15)
     with pytest.raises(bt.InvalidType, match="within"):
         world.relax(bodies=[body], within=3)
+    for wrong in (1, np.array([])):
+        with pytest.raises(bt.InvalidType, match="quiet"):
+            world.relax(bodies=[body], quiet=wrong)
 
 
 def test_tendons_stay_with_a_body_that_a_search_has_led_to_the_last_place(make_world, client):
