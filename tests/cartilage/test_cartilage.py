@@ -99,17 +99,53 @@ def test_the_nearest_point_is_that_of_brute_force(count, thin):
     np.testing.assert_allclose(np.abs(distance(points)), exact, rtol=1e-10, atol=1e-15)
 
 
+def fold(length):
+    """Two squares, open, at a right angle: what is at x < 0 and z < 0 is behind; 20 mm and `length` long."""
+    y = 0.02
+    corners = [(-0.02, -y, 0), (-0.02, y, 0), (0, -y, 0), (0, y, 0), (0, -y, -length), (0, y, -length)]
+    return np.array(corners), np.array([(0, 2, 3), (0, 3, 1), (2, 4, 5), (2, 5, 3)])
+
+
+def nodes_of(vertices, triangles, spacing, depth):
+    """values (k, j, i) of a grid's nodes, infinite where not computed, and the distances there."""
+    distance = _core.SignedDistance(vertices, triangles)
+    numbers = _core.DistanceGrid(distance, spacing, depth).numbers()
+    nodes, bricks = numbers[6:9].astype(int), int(np.prod(numbers[9:12]))
+    values = numbers[12 + 2 * bricks :].reshape(nodes[::-1])
+    k, j, i = np.nonzero(values < 1e300)
+    assert numbers[3] == spacing and len(i) > 1000
+    distances = np.full(values.shape, np.inf)
+    distances[k, j, i] = distance(numbers[:3] + spacing * np.stack([i, j, k], axis=1))
+    return np.where(values < 1e300, values, np.inf), distances
+
+
 def test_the_nodes_of_a_grid_have_the_distances():
-    for vertices, triangles in (ball(0.02, 12), cap(0.02, rings=5, turns=11)):
-        distance = _core.SignedDistance(vertices, triangles)
-        numbers = _core.DistanceGrid(distance, 5e-4, 0.005).numbers()
-        origin, spacing = numbers[:3], numbers[3]
-        nodes, bricks = numbers[6:9].astype(int), int(np.prod(numbers[9:12]))
-        values = numbers[12 + 2 * bricks :].reshape(nodes[::-1])
-        k, j, i = np.nonzero(values < 1e300)
-        assert len(i) > 1000
-        places = origin + spacing * np.stack([i, j, k], axis=1)
-        np.testing.assert_allclose(values[k, j, i], distance(places), rtol=1e-12, atol=1e-15)
+    values, distances = nodes_of(*ball(0.02, 12), 5e-4, 0.005)
+    np.testing.assert_allclose(values, distances, rtol=1e-12, atol=1e-15)
+
+
+@pytest.mark.parametrize("mesh", [cap(0.02, rings=5, turns=11), fold(0.005)], ids=["cap", "fold"])
+def test_depths_behind_an_open_surface_have_no_jumps(mesh):
+    spacing, slope = 1e-3, math.sqrt(2)
+    values, distances = nodes_of(*mesh, spacing, 0.008)
+    known = np.isfinite(values)
+    for axis in range(3):
+        with np.errstate(invalid="ignore"):
+            steps = np.diff(np.minimum(values, 0), axis=axis)
+        both = known.take(range(1, known.shape[axis]), axis) & known.take(range(known.shape[axis] - 1), axis)
+        assert np.abs(steps[both]).max() <= slope * spacing * (1 + 1e-9)
+    # Nodes whose distance keeps the slope to all others have it.
+    most, reach = np.full(values.shape, -np.inf), 8
+    ends = np.where(known, np.minimum(distances, 0), -np.inf)
+    ends = np.pad(ends, reach, constant_values=-np.inf)
+    for shift in np.ndindex(*3 * (2 * reach + 1,)):
+        way = slope * spacing * math.dist(shift, 3 * (reach,))
+        there = ends[tuple(slice(a, a + n) for a, n in zip(shift, values.shape, strict=True))]
+        np.maximum(most, there - way, out=most, where=way > 0)
+    keeps = known & (distances >= most - 1e-15)
+    assert keeps.sum() > 0.8 * known.sum()
+    np.testing.assert_allclose(values[keeps], distances[keeps], rtol=1e-12, atol=1e-15)
+    assert (values[known] >= distances[known] - 1e-15).all()
 
 
 def test_nothing_is_behind_the_border_of_an_open_surface():

@@ -77,7 +77,47 @@ DistanceGrid::DistanceGrid(const SignedDistance& distance, double spacing, doubl
         const bool near = at - slope_ * (half + 4 * spacing) < 0 && at + slope_ * half > -depth;
         if (near) fill(distance, i, j, k, triangle);
       }
+  limit_slope();
   find_mark();
+}
+
+// Behind an open mesh the distance jumps where the nearest point goes from a face to a border elsewhere, from
+// -d to what is beside the mesh. There the surface recedes as it does beyond its border: a node's depth is at
+// most the slope times its way to any node, plus the depth there. The way goes from neighbour to neighbour,
+// which is not shorter than the straight one, so that depths that already keep the slope stay.
+void DistanceGrid::limit_slope() {
+  if (slope_ <= 1) return;
+  struct Step {
+    int i, j, k;
+    double most;
+  };
+  std::vector<Step> steps;  // to the neighbours that a sweep has passed before
+  for (int k : {-1, 0})
+    for (int j : {-1, 0, 1})
+      for (int i : {-1, 0, 1})
+        if (k < 0 || j < 0 || (j == 0 && i < 0))
+          steps.push_back({i, j, k, slope_ * spacing_ * std::sqrt(i * i + j * j + k * k)});
+  auto raise = [&](int i, int j, int k, int sign) {
+    double& value = values_[node(i, j, k)];
+    if (value >= 0) return false;
+    const double before = value;
+    for (const Step& step : steps) {
+      const int a = i + sign * step.i, b = j + sign * step.j, c = k + sign * step.k;
+      if (a < 0 || b < 0 || c < 0 || a >= n_[0] || b >= n_[1] || c >= n_[2]) continue;
+      const double there = values_[node(a, b, c)];
+      if (there < HUGE_VAL) value = std::max(value, std::min(there, 0.0) - step.most);
+    }
+    return value != before;
+  };
+  for (bool is_raised = true; is_raised;) {
+    is_raised = false;
+    for (int k = 0; k < n_[2]; ++k)
+      for (int j = 0; j < n_[1]; ++j)
+        for (int i = 0; i < n_[0]; ++i) is_raised |= raise(i, j, k, 1);
+    for (int k = n_[2] - 1; k >= 0; --k)
+      for (int j = n_[1] - 1; j >= 0; --j)
+        for (int i = n_[0] - 1; i >= 0; --i) is_raised |= raise(i, j, k, -1);
+  }
 }
 
 // FNV-1a over the values, eight bytes at a time.
@@ -130,6 +170,7 @@ DistanceGrid::DistanceGrid(const std::vector<double>& numbers) {
   values_.assign(p + 2 * bricks, numbers.data() + numbers.size());
   for (double& v : values_)
     if (v == std::numeric_limits<double>::max()) v = HUGE_VAL;
+  limit_slope();  // of values that were stored without
   find_mark();
 }
 

@@ -58,6 +58,8 @@ class DistanceGrid {
   Sample interpolate(Vec3 x) const;
   size_t node(int i, int j, int k) const { return (static_cast<size_t>(k) * n_[1] + j) * n_[0] + i; }
   size_t brick(int i, int j, int k) const { return (static_cast<size_t>(k) * b_[1] + j) * b_[0] + i; }
+  // Takes away jumps of the distance behind an open mesh.
+  void limit_slope();
   void fill(const SignedDistance& distance, int i, int j, int k, int triangle);
 
   Vec3 origin_;  // of node (0, 0, 0)
