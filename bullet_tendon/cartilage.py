@@ -29,6 +29,7 @@ _FAR = 0.05  # m between surfaces from which they are not meant for each other
 _FACING = -0.2  # mean cosine of the normals of surfaces that face each other, at most
 _SMALLEST = 1e-26  # m^4, squared normal of a triangle with an area
 _MOST_GRIDS = 8  # that are kept in memory
+_GRID_VERSION = 2  # of the values at the nodes: files of another one are made anew
 
 _grids: OrderedDict = OrderedDict()  # of all worlds
 _grids_lock = Lock()  # worlds may be in different threads
@@ -241,7 +242,7 @@ def grid_of(surface: Surface, spacing: float, thickness: float, cache: Path | No
     or the grid would be too large.
     """
     depth = _DEPTH * thickness
-    key = surface.digest(), spacing, depth
+    key = surface.digest(), spacing, depth, _GRID_VERSION
     with _grids_lock:
         if key in _grids:
             _grids.move_to_end(key)

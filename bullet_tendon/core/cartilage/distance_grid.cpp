@@ -170,7 +170,6 @@ DistanceGrid::DistanceGrid(const std::vector<double>& numbers) {
   values_.assign(p + 2 * bricks, numbers.data() + numbers.size());
   for (double& v : values_)
     if (v == std::numeric_limits<double>::max()) v = HUGE_VAL;
-  limit_slope();  // of values that were stored without
   find_mark();
 }
 
