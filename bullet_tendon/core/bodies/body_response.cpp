@@ -137,7 +137,7 @@ Numbers GeneralizedBody::explain_stops(const Numbers& reported, const Numbers& r
   JointMotors& motors = stops.motors;
   Numbers by_motors =
       observer.forces_of_motors(reached, unforced(), {motors.reported_before, reported, motors.off});
-  motors.add_cut_off(reached, observer.cut_off(known_in_step_), by_motors);
+  if (any_push(by_motors)) motors.add_cut_off(reached, observer.cut_off(known_in_step_), by_motors);
   stops.explain(stopped(), forces, by_motors);
   return by_motors;
 }

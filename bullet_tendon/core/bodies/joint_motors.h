@@ -50,6 +50,10 @@ struct JointMotor {
   bool known = false;         // it gave a force in the last step
 };
 
+inline bool any_push(const Numbers& forces) {
+  return std::any_of(forces.begin(), forces.end(), [](double force) { return force != 0; });
+}
+
 class JointMotors {
  public:
   // Learns from the rates reached (n) and the forces (n) in a step of dt [s]. Returns whether any has
@@ -75,9 +79,7 @@ class JointMotors {
     return false;
   }
   // Whether pybullet reported a force of any in the last step.
-  bool any_reported() const {
-    return std::any_of(reported.begin(), reported.end(), [](double force) { return force != 0; });
-  }
+  bool any_reported() const { return any_push(reported); }
 
   std::vector<JointMotor> all;  // by coordinate
   // Generalized forces that pybullet reports of the last two steps (n).

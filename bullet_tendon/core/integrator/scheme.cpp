@@ -66,9 +66,8 @@ BT_VECTOR void begin_step(Tendon& c, const StepContext& context) {
     if (!two) continue;
     measure(*s, c.x_before);
     // What a spring that only pulls did while it was slack is no stretch of it, and no rate.
-    const double slack = c.material.law.tension_only ? 1 : 0;
     for (int k = 0; k < s->count; ++k) {
-      const double least = slack * s->rest[k];
+      const double least = c.material.law.tension_only ? s->rest[k] : 0;
       s->history[k] += last * (std::max(s->length[k], least) - std::max(s->start[k], least));
     }
   }
