@@ -185,12 +185,13 @@ class AttachmentWarning(RuntimeWarning):
 
 
 class ResolutionWarning(RuntimeWarning):
-    """A taut tendon that turns so far at one particle on a body that its tension is not exact.
+    """A taut tendon that turns so far at one particle, on a body or another tendon, that it is not exact.
 
     More than 15 degrees on a mesh, 20 degrees at an edge, the mouth of a tunnel or where one segment alone
-    touches a round shape, 45 degrees where several do. It is given once for each tendon. It tells how far
-    the tension can be off while the tendon slides on there, when one particle has the whole turn. More
-    particles, or a finer mesh, are the cure.
+    touches a round shape or another tendon, 45 degrees where several do. Also where one segment turns by
+    more than 45 degrees around the tendon with which it is twisted. It is given once for each tendon. It
+    tells how far the tension can be off while the tendon slides on there, when one particle has the whole
+    turn. More particles, or a finer mesh, are the cure.
 
     Example:
         >>> import warnings

@@ -119,28 +119,50 @@ class Placement:
         return bool(found)
 
     def tell_coarse(
-        self, slot: int, particle: int, link: int, angle: float, sliding: float, bent: float, friction: float
+        self,
+        slot: int,
+        particle: int,
+        link: int,
+        other: int,
+        angle: float,
+        sliding: float,
+        winding: float,
+        bent: float,
+        friction: float,
     ) -> None:
-        """A ResolutionWarning of a tendon that turns by an angle [rad] at a particle on a body.
+        """A ResolutionWarning of a tendon that turns by an angle [rad] at a particle on a link or a tendon.
 
-        sliding: the largest angle there while it slides [rad]. bent: the part of that before the contact, by
-        which a segment bends at a mouth [rad]. friction: coefficient of its contact there [-].
+        Of the slots of the link and of the other tendon, one is -1. sliding: the largest angle there while it
+        slides [rad]. winding: by which a segment turns around the other tendon, if both are twisted [rad].
+        bent: the part of sliding before the contact, by which a segment bends at a mouth [rad]. friction:
+        coefficient of its contact there [-].
         """
-        body, index = self._bodies.links[link]
         name, turn = self._tendons[slot].name, f"{math.degrees(angle):.0f} degrees at particle {particle}"
-        error, of, fine, cure = _error_at_edge(bent, sliding - bent, friction), "", "", ""
-        if any(shape.surface is not None for shape in self._obstacles.of_link(body, index)):
-            error, of = max(error, 0.2), "the mesh of "
-            fine, cure = " (by 6 % up to 15 degrees)", ", or use a finer mesh"
+        error, around, fine, cure = _error_at_edge(bent, sliding - bent, friction), "", "", ""
+        if other >= 0:
+            of = "its own loop" if other == slot else f"tendon {self._tendons[other].name!r}"
+            error = _error_of_winding(winding) if winding > 0 else error
+            around = f", by {math.degrees(winding):.0f} around it in a segment" if winding > 0 else ""
+        else:
+            body, index = self._bodies.links[link]
+            of = f"body {body}, link {index}"
+            if any(shape.surface is not None for shape in self._obstacles.of_link(body, index)):
+                error, of = max(error, 0.2), f"the mesh of {of}"
+                fine, cure = " (by 6 % up to 15 degrees)", ", or use a finer mesh"
         more = " or more" if error >= MOST_ERROR else ""
         warn(
             ResolutionWarning(
-                f"tendon {name!r} is too coarse for {of}body {body}, link {index}: "
-                f"it turns by {turn}, up to {math.degrees(sliding):.0f} as it slides, and its tension "
-                f"can be off by up to {math.ceil(100 * error)}%{more}{fine}. "
+                f"tendon {name!r} is too coarse for {of}: "
+                f"it turns by {turn}, up to {math.degrees(sliding):.0f} as it slides{around}, and its "
+                f"tension can be off by up to {math.ceil(100 * error)}%{more}{fine}. "
                 f"Add particles{cure}"
             )
         )
+
+
+def _error_of_winding(angle: float) -> float:
+    """How much farther the ends of a chord over an angle [rad] are from the axis than its middle [-]."""
+    return 1 / max(math.cos(min(angle, math.pi) / 2), 1 / (1 + MOST_ERROR)) - 1
 
 
 def _error_at_edge(before: float, behind: float, friction: float) -> float:

@@ -316,7 +316,8 @@ void bind_steps(py::module_& m, GuardedWorld& world) {
            [](World& w, int tendon) {
              CoarseTurn& of = w.scene.tendons.at(tendon)->coarse;
              of.reported = true;
-             return py::make_tuple(of.particle, of.link, of.angle, of.sliding, of.bent, of.friction);
+             return py::make_tuple(of.particle, of.link, of.other, of.angle, of.sliding, of.winding, of.bent,
+                                   of.friction);
            })
       .def("last_step",
            [](const World& w) { return py::make_tuple(w.last_step().dt, w.last_step().gravity); })

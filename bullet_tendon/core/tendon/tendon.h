@@ -97,15 +97,18 @@ struct TendonWorkspace : PredictedRegion, NewtonSystem {
   int worst_particle = 0;
 };
 
-// The farthest turn of a taut tendon at a particle on a body, where it is too far (world/report.cpp).
+// The farthest turn of a taut tendon at a particle on a body or another tendon, where it is too far
+// (world/report.cpp).
 struct CoarseTurn {
-  int particle = -1, link = -1;  // slot of the link
-  double angle = 0;              // [rad]
-  double sliding = 0;            // largest one there while the tendon slides [rad]
-  double bent = 0;               // what its segment bends of that before the contact, at a mouth [rad]
-  double friction = 0;           // coefficient of the contact [-]
-  int steps = 0;                 // for which it has lasted
-  bool reported = false;         // once for each tendon
+  int particle = -1;
+  int link = -1, other = -1;  // slot of the link, or of the other tendon
+  double angle = 0;           // [rad]
+  double sliding = 0;         // largest one there while the tendon slides [rad]
+  double winding = 0;         // of a segment around the other tendon that it winds around [rad]
+  double bent = 0;            // what its segment bends of that before the contact, at a mouth [rad]
+  double friction = 0;        // coefficient of the contact [-]
+  int steps = 0;              // for which it has lasted
+  bool reported = false;      // once for each tendon
 };
 
 class Tendon : public TendonModel, public TendonState, public TendonWorkspace {

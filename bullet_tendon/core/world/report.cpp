@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numeric>
 #include <utility>
 #include <vector>
@@ -28,6 +29,12 @@ constexpr double kCoarseShare = 0.01;
 // Steps for which it lasts [-]. Fewer: impacts are told.
 constexpr int kCoarseSteps = 10;
 
+// Segments between two contacts with one tendon, if they need not be at the same place of it [-].
+constexpr double kAnywhere = std::numeric_limits<double>::infinity();
+// The same, if the tendon winds around it there [-]. Larger: strands that cross another one twice are told.
+// Smaller: twists are not.
+constexpr double kNextOnOther = 1.5;
+
 // Whether a particle is no end, and nothing holds it.
 bool is_free(const Tendon& c, int i) {
   return i > 0 && i < c.n() - 1 &&
@@ -50,11 +57,22 @@ bool is_taut_at(const Tendon& c, int i, double gravity) {
 
 // Largest turn of a particle that slides past a contact [rad]: the whole turn there. Where several segments
 // touch a circle, it is that of those that touch it at their middles, 2 atan(l/2R).
-double turn_as_it_slides(const Tendon& c, const Contact& contact) {
-  const int k = contact.a.first;
+double turn_as_it_slides(const Tendon& c, const Contact& contact, int k) {
   const double radius = contact.is_round() ? contact.geometry.rim.radius : contact.geometry.radius;
   return std::min(turn_between(c, k - is_free(c, k), k + is_free(c, k + 1)),
                   2 * std::atan(norm(c.x.at(k + 1) - c.x.at(k)) / (2 * radius)));
+}
+
+// The part of the turn at a particle for which a force along the normal is needed [rad].
+double turn_along(const Tendon& c, int i, Vec3 normal) {
+  const Vec3 come = unit_or(c.x.at(i) - c.x.at(i - 1), {}), go = unit_or(c.x.at(i + 1) - c.x.at(i), {});
+  return 2 * std::asin(std::min(1.0, std::abs(dot(go - come, normal)) / 2));
+}
+
+// Angle by which segment k of a tendon turns around segment m of another one that touches it [rad].
+double turn_around(const Contact& contact, const Tendon& c, int k, const Tendon& other, int m) {
+  const Vec3 axis = unit_or(other.x.at(m + 1) - other.x.at(m), {});
+  return norm(cross(c.x.at(k + 1) - c.x.at(k), axis)) / contact.geometry.radius;
 }
 
 // The part of a turn [rad] that is on the other side of a contact with the mouth, since its segment bends by
@@ -68,42 +86,89 @@ double bent_of(const Tendon& c, const Contact& contact, double turn) {
                   bend / (2 * norm(c.x.at(k + 1) - c.x.at(k))));
 }
 
-// Whether a segment next to that of a contact presses on the same surface.
-bool has_neighbour(const std::vector<Contact>& contacts, const Contact& contact) {
+// Whether the tendon presses on the same surface, or on the other tendon within so many segments of the
+// place, about one segment before or behind a contact. The contacts of both segments of one particle there
+// are no arc.
+bool has_neighbour(const std::vector<Contact>& contacts, const Contact& contact, bool seen_from_other,
+                   double within) {
+  auto segments_between = [](const SegmentPoint& p, const SegmentPoint& q) {
+    return std::abs(p.first + p.w1 - q.first - q.w1);
+  };
   return std::any_of(contacts.begin(), contacts.end(), [&](const Contact& other) {
+    const double a = segments_between(contact.a, other.a), b = segments_between(contact.b, other.b);
+    const double own = seen_from_other ? b : a;
     return other.normal_force.value > 0 && other.key.kind == contact.key.kind &&
-           other.key.tendon == contact.key.tendon && other.key.other == contact.key.other &&
-           std::abs(other.key.feature - contact.key.feature) == 1;
+           other.key.tendon == contact.key.tendon && other.key.other == contact.key.other && own > 0.5 &&
+           own < 1.5 && (seen_from_other ? a : b) < within;
   });
 }
 
+// Keeps a turn if it is the farthest of its tendon.
+void note_coarse(CoarseTurn& coarse, const CoarseTurn& found) {
+  if (std::max(found.sliding, found.winding) <= std::max(coarse.sliding, coarse.winding)) return;
+  const auto [steps, reported] = std::pair(coarse.steps, coarse.reported);
+  coarse = found;
+  coarse.steps = steps;
+  coarse.reported = reported;
+}
+
 }  // namespace
+
+// Notes the turns of a tendon at a contact with a body that are too far.
+void World::find_coarse_turns_on_body(const Contact& contact, Tendon& c, double gravity) {
+  const bool mesh = contact.key.kind == ContactKind::bone && scene.shapes[contact.key.other]->surface;
+  const int k = contact.a.first;
+  for (int i : {k, k + 1}) {
+    if (!is_free(c, i)) continue;
+    const double angle = turn_between(c, i - 1, i);
+    if (angle <= kCoarseTurn || !is_taut_at(c, i, gravity)) continue;
+    const bool arc = contact.is_round() && has_neighbour(contacts_.all, contact, false, kAnywhere);
+    if (!mesh && angle <= (arc ? kCoarseTurnOnRound : kCoarseTurnAtEdge)) continue;
+    const double sliding = std::max(angle, turn_as_it_slides(c, contact, k));
+    const double bent = bent_of(c, contact, sliding), mu = contact.friction.coefficient;
+    note_coarse(c.coarse, {i, contact.link, -1, angle, sliding, 0, bent, mu});
+  }
+}
+
+// The same at a contact with another tendon, or with itself. The tendon turns about it at a particle, or its
+// segments turn around it, as those of a twist do.
+void World::find_coarse_turns_on_tendon(const Contact& contact, bool seen_from_other, double gravity) {
+  const SegmentPoint &at = seen_from_other ? contact.b : contact.a,
+                     &beside = seen_from_other ? contact.a : contact.b;
+  Tendon& c = *step_.slots[at.tendon];
+  auto presses_beside = [&](double within) {
+    return has_neighbour(contacts_.all, contact, seen_from_other, within);
+  };
+  const double around = turn_around(contact, c, at.first, *step_.slots[beside.tendon], beside.first);
+  for (int i : {at.first, at.first + 1}) {
+    if (!is_free(c, i)) continue;
+    const double angle = turn_along(c, i, contact.geometry.normal);
+    if (std::max(angle, around) <= kCoarseTurnAtEdge || !is_taut_at(c, i, gravity)) continue;
+    const double winding = around > kCoarseTurnOnRound && presses_beside(kNextOnOther) ? around : 0;
+    if (winding == 0 && angle <= (presses_beside(kAnywhere) ? kCoarseTurnOnRound : kCoarseTurnAtEdge))
+      continue;
+    const double sliding = std::max(angle, turn_as_it_slides(c, contact, at.first));
+    note_coarse(c.coarse, {i, -1, beside.tendon, angle, sliding, winding, 0, contact.friction.coefficient});
+  }
+}
 
 // Finds the tendons that have turned too far for kCoarseSteps steps. The report names one of those that were
 // not reported yet.
 void World::find_coarse_turns() {
   const double gravity = norm(step_.context.gravity);
-  for (auto [slot, c] : filled(step_.slots)) c.coarse.angle = c.coarse.sliding = 0;
+  for (auto [slot, c] : filled(step_.slots)) c.coarse.sliding = c.coarse.winding = 0;
   for (const Contact& contact : contacts_.all) {
-    const bool bone = contact.key.kind == ContactKind::bone;
-    if (!(bone || contact.key.kind == ContactKind::mouth) || !(contact.normal_force.value > 0)) continue;
-    const bool mesh = bone && scene.shapes[contact.key.other]->surface;
-    Tendon& c = *step_.slots[contact.a.tendon];
-    for (int i : {contact.a.first, contact.a.first + 1}) {
-      if (!is_free(c, i)) continue;
-      const double angle = turn_between(c, i - 1, i);
-      if (angle <= kCoarseTurn || !is_taut_at(c, i, gravity)) continue;
-      const bool arc = contact.is_round() && has_neighbour(contacts_.all, contact);
-      if (!mesh && angle <= (arc ? kCoarseTurnOnRound : kCoarseTurnAtEdge)) continue;
-      const double sliding = std::max(angle, turn_as_it_slides(c, contact));
-      if (sliding <= c.coarse.sliding) continue;
-      const double bent = bent_of(c, contact, sliding), mu = contact.friction.coefficient;
-      c.coarse = {i, contact.link, angle, sliding, bent, mu, c.coarse.steps, c.coarse.reported};
+    if (contact.key.kind == ContactKind::bore || !(contact.normal_force.value > 0)) continue;
+    if (contact.key.kind == ContactKind::tendon) {
+      find_coarse_turns_on_tendon(contact, false, gravity);
+      find_coarse_turns_on_tendon(contact, true, gravity);
+    } else {
+      find_coarse_turns_on_body(contact, *step_.slots[contact.a.tendon], gravity);
     }
   }
   for (auto [slot, c] : filled(step_.slots)) {
     CoarseTurn& coarse = c.coarse;
-    coarse.steps = coarse.angle > 0 ? coarse.steps + 1 : 0;
+    coarse.steps = coarse.sliding > 0 ? coarse.steps + 1 : 0;
     if (coarse.steps >= kCoarseSteps && !coarse.reported) step_.report.coarse_tendon = slot;
   }
 }

@@ -410,6 +410,8 @@ class World {
   bool overpowers() const;
   void read_worst(const Island& island);
   void let_read();
+  void find_coarse_turns_on_body(const Contact& contact, Tendon& c, double gravity);
+  void find_coarse_turns_on_tendon(const Contact& contact, bool seen_from_other, double gravity);
   void find_coarse_turns();
   void find_flat_cartilage();
   // world/contact_builder.cpp
