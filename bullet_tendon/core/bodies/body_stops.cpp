@@ -592,11 +592,13 @@ void BodyStops::share(const Body& of, const Numbers& forces, double dt, Numbers&
     rows(dt).sweep_as_pybullet(pushes_, swept);
     work_.along = forces;
     dense::add(work_.along, 1, given);
-    // pybullet's own stops would not stop the body, or end their sweeps, with these impulses, too early.
-    const bool cut = !answered && pybullet_cuts_off(of, work_.along, dt);
+    // pybullet's own stops would not stop the body, or end their sweeps, with these impulses, too early. What
+    // is cut off of its motors is known from their forces (JointMotors::add_cut_off).
+    const bool cut = pybullet_cuts_off(of, work_.along, dt);
     const bool early = !answered && rows(dt).differs(pushes_, swept) > kSolverNoise;
     for (size_t a = 0; a < m && (cut || early); ++a)
-      if (all_[a].acts && !all_[a].given && (cut || !all_[a].is_of_contact())) give(a, dt, given);
+      if (all_[a].acts && !all_[a].motor && !all_[a].given && (cut || !all_[a].is_of_contact()))
+        give(a, dt, given);
   }
   note_motors(swept, dt);
   find_by_pybullet(of, dt);
