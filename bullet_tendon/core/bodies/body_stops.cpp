@@ -107,7 +107,7 @@ void rates_under(const dense::Numbers& forces, const dense::Numbers& rates, cons
 }
 
 // pybullet reports limits as they were loaded, even after changeDynamics. A limit that the body passed
-// through is ignored.
+// through is ignored. Where its impulse was given, pybullet's own stop did not act.
 void BodyStops::doubt(const Numbers& rates) {
   doubted_.resize(rates.size());
   // Of contacts together, weighted by their impulses: of those that bear a body, any may bear nothing.
@@ -123,7 +123,7 @@ void BodyStops::doubt(const Numbers& rates) {
       continue;
     }
     const bool went_on = along(directions_, k, rates) - s.wanted < -kLeastStopped * s.held_back;
-    if (!went_on || s.wanted == -kFastest) continue;
+    if (!went_on || s.given || s.wanted == -kFastest) continue;
     by_pybullet_.clear();
     doubted_[s.coordinate] = 1;
   }
@@ -595,7 +595,7 @@ void BodyStops::share(const Body& of, const Numbers& forces, double dt, Numbers&
     // pybullet's own stops would not stop the body, or end their sweeps, with these impulses, too early. What
     // is cut off of its motors is known from their forces (JointMotors::add_cut_off).
     const bool cut = pybullet_cuts_off(of, work_.along, dt);
-    const bool early = !answered && rows(dt).differs(pushes_, swept) > kSolverNoise;
+    const bool early = !answered && contacts.empty() && rows(dt).differs(pushes_, swept) > kSolverNoise;
     for (size_t a = 0; a < m && (cut || early); ++a)
       if (all_[a].acts && !all_[a].motor && !all_[a].given && (cut || !all_[a].is_of_contact()))
         give(a, dt, given);
