@@ -96,6 +96,10 @@ double rate_at_contact(double distance, double dt) {
   return room > 0 ? -room / dt : -kContactTakenBack * room / dt;
 }
 
+// Whether it acts, and none of its impulse is given. What is cut off of a motor is known from its force
+// (JointMotors::add_cut_off).
+bool is_pending(const Stop& s) { return s.acts && !s.motor && s.given == 0; }
+
 double largest_of(const Numbers& a) { return bt::largest_of(a.data(), static_cast<int>(a.size())); }
 
 }  // namespace
@@ -123,7 +127,7 @@ void BodyStops::doubt(const Numbers& rates) {
       continue;
     }
     const bool went_on = along(directions_, k, rates) - s.wanted < -kLeastStopped * s.held_back;
-    if (!went_on || s.given || s.wanted == -kFastest) continue;
+    if (!went_on || s.given > 0 || s.wanted == -kFastest) continue;
     by_pybullet_.clear();
     doubted_[s.coordinate] = 1;
   }
@@ -134,7 +138,7 @@ bool BodyStops::broke(const Numbers& reached) const {
   double held = 0, free = 0;
   for (size_t k = 0; k < all_.size(); ++k) {
     const Stop& s = all_[k];
-    if (s.constraint < 0 || !s.acts || s.given) continue;
+    if (s.constraint < 0 || !s.acts || s.given > 0) continue;
     const double rate = along(directions_, k, reached);
     held += (rate - s.wanted) * (rate - s.wanted);
     free += (rate - s.unstopped) * (rate - s.unstopped);
@@ -513,18 +517,51 @@ bool BodyStops::let_motors_yield() {
   return any;
 }
 
-// Whether pybullet cuts off a rate under the tendons and what it is given, before its stops act.
-bool BodyStops::pybullet_cuts_off(const Body& of, const Numbers& forces, double dt) {
-  rates_under(forces, of.rates, of.observer.root(), unstopped_, dt, work_.half, work_.known);
+// Sets work_.known to the rates under the tendons and what pybullet is given, before its stops act. Returns
+// whether it cuts off one of them.
+bool BodyStops::pybullet_cuts_off(const Body& of, const Numbers& forces, const Numbers& given, double dt) {
+  work_.along = forces;
+  dense::add(work_.along, 1, given);
+  rates_under(work_.along, of.rates, of.observer.root(), unstopped_, dt, work_.half, work_.known);
   return std::any_of(work_.known.begin(), work_.known.end(),
                      [](double rate) { return std::fabs(rate) >= kMostRate; });
 }
 
-// Gives pybullet the impulse of a row as a known force.
-void BodyStops::give(size_t row, double dt, Numbers& given) {
-  all_[row].given = true;
+// The least share of the impulses of what acts, and was not given yet, with which no rate is cut off [-].
+double BodyStops::share_cut_off(const Body& of, const Numbers& forces, double dt, const Numbers& given) {
+  if (!pybullet_cuts_off(of, forces, given, dt)) return 0;
+  const size_t n = of.rates.size();
+  work_.direction.assign(n, 0.0);
+  for (size_t a = 0; a < all_.size(); ++a)
+    for (size_t i = 0; i < n && is_pending(all_[a]); ++i)
+      work_.direction[i] += pushes_[a] * directions_[a * n + i];
+  dense::respond(of.observer.root(), work_.direction, work_.half, work_.along);
+  double share = 0;
+  for (size_t i = 0; i < n; ++i) {
+    const double rate = work_.known[i], less = rate > 0 ? -work_.along[i] : work_.along[i];
+    if (std::fabs(rate) < kMostRate) continue;
+    share = std::max(share, less > 0 ? (std::fabs(rate) - kFastest) / less : 1);
+  }
+  return std::min(share, 1.0);
+}
+
+// Gives pybullet what it would cut off. What a contact bears is not known well, and pybullet's own stops take
+// nothing back. With contacts, they are therefore given as little as they can be, but for constraints, which
+// take back what is too much.
+void BodyStops::give_cut_off(const Body& of, const Numbers& forces, double dt, Numbers& given) {
+  if (!pybullet_cuts_off(of, forces, given, dt)) return;
+  for (size_t a = 0; a < all_.size(); ++a)
+    if (is_pending(all_[a]) && (contacts.empty() || all_[a].constraint >= 0)) give(a, 1, dt, given);
+  const double share = share_cut_off(of, forces, dt, given);
+  for (size_t a = 0; a < all_.size() && share > 0; ++a)
+    if (is_pending(all_[a])) give(a, share, dt, given);
+}
+
+// Gives pybullet a share of the impulse of a row as a known force.
+void BodyStops::give(size_t row, double share, double dt, Numbers& given) {
+  all_[row].given = share;
   const size_t n = given.size();
-  for (size_t i = 0; i < n; ++i) given[i] += pushes_[row] / dt * directions_[row * n + i];
+  for (size_t i = 0; i < n; ++i) given[i] += share * pushes_[row] / dt * directions_[row * n + i];
 }
 
 // Finds the acceleration by pybullet's own stops.
@@ -532,8 +569,8 @@ void BodyStops::find_by_pybullet(const Body& of, double dt) {
   const size_t n = of.rates.size();
   work_.direction.assign(n, 0.0);
   for (size_t a = 0; a < all_.size(); ++a)
-    for (size_t i = 0; i < n && !all_[a].motor && !all_[a].given; ++i)
-      work_.direction[i] += pushes_[a] / dt * directions_[a * n + i];
+    for (size_t i = 0; i < n && !all_[a].motor && all_[a].given < 1; ++i)
+      work_.direction[i] += (1 - all_[a].given) * pushes_[a] / dt * directions_[a * n + i];
   dense::respond(of.observer.root(), work_.direction, work_.half, by_pybullet_);
 }
 
@@ -585,20 +622,18 @@ void BodyStops::share(const Body& of, const Numbers& forces, double dt, Numbers&
   for (size_t a = 0; a < m; ++a) {
     const Stop& s = all_[a];
     const bool is_given = s.wanted > -kFastest || !(answered || steady_);
-    if (!s.motor && is_given && s.ahead > 0 && pushes_[a] > 0) give(a, dt, given);
+    if (!s.motor && is_given && s.ahead > 0 && pushes_[a] > 0) give(a, 1, dt, given);
   }
   Numbers swept(pushes_);
   if (act() && are_swept(static_cast<int>(n)) && !of.observer.held()) {
     rows(dt).sweep_as_pybullet(pushes_, swept);
-    work_.along = forces;
-    dense::add(work_.along, 1, given);
-    // pybullet's own stops would not stop the body, or end their sweeps, with these impulses, too early. What
-    // is cut off of its motors is known from their forces (JointMotors::add_cut_off).
-    const bool cut = pybullet_cuts_off(of, work_.along, dt);
-    const bool early = !answered && contacts.empty() && rows(dt).differs(pushes_, swept) > kSolverNoise;
-    for (size_t a = 0; a < m && (cut || early); ++a)
-      if (all_[a].acts && !all_[a].motor && !all_[a].given && (cut || !all_[a].is_of_contact()))
-        give(a, dt, given);
+    // pybullet ends its sweeps over several stops too early. With contacts, what each of them bears is not
+    // known as well.
+    if (!answered && contacts.empty() && rows(dt).differs(pushes_, swept) > kSolverNoise) {
+      for (size_t a = 0; a < m; ++a)
+        if (is_pending(all_[a])) give(a, 1, dt, given);
+    }
+    give_cut_off(of, forces, dt, given);
   }
   note_motors(swept, dt);
   find_by_pybullet(of, dt);
@@ -640,7 +675,8 @@ void BodyStops::explain(const Body& of, const Numbers& forces, const Numbers& by
     work_.through.insert(work_.through.end(), work_.half.begin(), work_.half.end());
     Stop& s = all_[a];
     if (s.motor) s.least = s.most = by_motors[s.coordinate];
-    if (s.given) s.least = s.most = pushes_[a] / dt;
+    if (s.given == 1 || (s.given > 0 && !s.sets_rate())) s.least = s.given * pushes_[a] / dt;
+    if (s.given == 1) s.most = s.least;
     if (s.constraint >= 0 && constraints_released()) {
       const bool known = s.constraint < static_cast<int>(constraints.size());
       s.most = broke_ || !known ? 0 : std::min(s.most, constraints[s.constraint].most);

@@ -123,12 +123,14 @@ class BodyStops {
   bool stops_yielding_motor(size_t row) const;
   bool admit(const Body& of, const Numbers& forces, double dt);
   bool choose_motors(const Body& of, const Numbers& forces, double dt);
-  bool pybullet_cuts_off(const Body& of, const Numbers& forces, double dt);
+  bool pybullet_cuts_off(const Body& of, const Numbers& forces, const Numbers& given, double dt);
+  double share_cut_off(const Body& of, const Numbers& forces, double dt, const Numbers& given);
+  void give_cut_off(const Body& of, const Numbers& forces, double dt, Numbers& given);
   bool motors_act() const {
     return any_acts([](const Stop& s) { return s.motor; });
   }
   bool shift_to_limits(const Body& of, bool answered, double dt);
-  void give(size_t row, double dt, Numbers& given);
+  void give(size_t row, double share, double dt, Numbers& given);
   void find_by_pybullet(const Body& of, double dt);
   void note_motors(const Numbers& swept, double dt);
   void push_by_bounded(const Body& of, double dt);

@@ -92,7 +92,7 @@ double BoundedRows::sweep(Numbers& pushes, bool backwards) const {
   double most = 0;
   for (size_t k = 0; k < m; ++k) {
     const size_t a = backwards ? m - 1 - k : k;
-    if (!rows_[a].admitted || rows_[a].given) continue;
+    if (!rows_[a].admitted || rows_[a].given > 0) continue;
     const double before = pushes[a], own = within_[a * m + a];
     pushes[a] = std::min(bound(a, 1), std::max(bound(a, -1), before + lacks(a, pushes) / own));
     most = std::max(most, own * std::fabs(pushes[a] - before));
@@ -103,7 +103,7 @@ double BoundedRows::sweep(Numbers& pushes, bool backwards) const {
 void BoundedRows::sweep_as_pybullet(const Numbers& solved, Numbers& swept) const {
   swept.assign(rows_.size(), 0.0);
   for (size_t a = 0; a < rows_.size(); ++a)
-    if (rows_[a].given) swept[a] = solved[a];
+    if (rows_[a].given > 0) swept[a] = solved[a];
   double change = 2 * kSolverResidual;
   for (int k = 0; k < kPybulletSweeps && change > kSolverResidual; ++k) change = sweep(swept, k % 2 == 0);
 }

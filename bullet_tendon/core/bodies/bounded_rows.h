@@ -40,7 +40,7 @@ struct Stop {
   bool yielded = false;   // of a motor: it was within its limit before in this step
   // Of a motor: it has given what would throw its joint at the rate that pybullet cuts off.
   bool firm = false;
-  bool given = false;  // its force is applied as a known one
+  double given = 0;  // share of its impulse that is applied as a known force [-]
 
   // pybullet's friction needs normal forces of its own.
   bool is_of_contact() const { return friction || (coordinate < 0 && constraint < 0); }
