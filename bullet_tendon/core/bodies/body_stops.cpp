@@ -22,7 +22,8 @@
 // that touches its limit is moved to just behind it instead (shifts), because pybullet's own stop knows
 // what contacts and motors do in the step, and so is a joint on its way to it where these act. pybullet needs
 // joint_forces too where it falls short: it cuts off rates before its stops act, and ends its sweeps over
-// several stops early.
+// several stops early. Where it touches something, what each contact bears is not determined, and
+// joint_forces are as small as the cut-off allows.
 //
 // The cut-off itself would leave the other joints of a chain without its reactions, and a body that turns
 // less than was solved would be entered by the tendon that strikes it. A joint is therefore stopped at a rate
