@@ -1037,6 +1037,103 @@ def lifting(scene, momenta):
     return (momenta[-1] - momenta[half - 1]) / (scene.dt * (len(momenta) - half))
 
 
+JOINTED_BOX = """<link name="{name}"><inertial><origin xyz="0 0 {z:.6g}"/><mass value="{mass:.6g}"/>
+<inertia ixx="{i:.6g}" iyy="{i:.6g}" izz="{i:.6g}"/></inertial><collision><origin xyz="0 0 {z:.6g}"/>
+<geometry><box size="{size}"/></geometry></collision></link>
+"""
+BOX_JOINT = """<joint name="{child} joint" type="{kind}"><parent link="{parent}"/><child link="{child}"/>
+<origin xyz="{x:.6g} 0 {z:.6g}"/><axis xyz="{axis}"/>
+<limit lower="{low}" upper="{high}" effort="1e4" velocity="100"/></joint>
+"""
+
+
+def jointed_box(name, mass, size, z, parent, x, at, axis, kind="revolute", low=-0.1, high=1.5):
+    """URDF text of a box around z below a joint, which is at (x, 0, at) of the parent."""
+    inertia = mass * max(size) ** 2 / 12
+    sizes = " ".join(f"{side:.6g}" for side in size)
+    joint = {"parent": parent, "x": x, "z": at, "axis": axis, "kind": kind, "low": low, "high": high}
+    return JOINTED_BOX.format(name=name, mass=mass, i=inertia, z=z, size=sizes) + BOX_JOINT.format(
+        child=name, **joint
+    )
+
+
+def lifts(scene, hand, box, torque, lift):
+    """Whether pybullet by itself closes the fingers, by a torque on each hinge [N m], and lifts the box."""
+    raw = scene.raw
+    state, before = raw.saveState(), raw.getBasePositionAndOrientation(box)[0][2]
+    for k in range(scene.steps):
+        if k >= scene.steps // 3:
+            lift(raw, k - scene.steps // 3)
+        for joint in range(1, 5):
+            raw.setJointMotorControl2(hand, joint, raw.TORQUE_CONTROL, force=torque)
+        raw.stepSimulation()
+    end = raw.getBasePositionAndOrientation(box)[0][2]
+    way = raw.getJointState(hand, 0)[0]
+    raw.restoreState(state)
+    raw.removeState(state)
+    lift(raw, 0)
+    return way - (end - before) < 0.2 * way
+
+
+@family
+def gripper(scene):
+    """A hand on a rail closes two fingers on a box by tendons, and lifts it, where torques on hinges do."""
+    scene.begin()
+    size, mass = scene.log(0.01, 0.06), scene.log(0.01, 2)  # half of the box's width
+    length, arm = scene.flat(1.5, 1.8) * size, 0.33 * size
+    pull = rounded(scene.log(3, 30) * 2 * length / arm * mass * G / 2)  # the coefficient of friction is one
+    high = 2 * length + 1.33 * size  # of the hand
+    text = '<link name="base"/>\n'
+    wide, thick = (4 * size, 1.3 * size, 0.6 * size), (0.4 * size, size, 0.95 * length)
+    rail = {"kind": "prismatic", "low": -1, "high": 1}
+    text += jointed_box("hand", mass * scene.log(1, 10), wide, 0, "base", 0, high, "0 0 1", **rail)
+    for side in (1, -1):
+        parent, x, z = "hand", 1.83 * size * side, -0.4 * size
+        for k in range(2):
+            own, name = mass * scene.log(0.03, 0.5), f"{side} {k}"
+            limit = scene.flat(0.3, 0.6) if k else 1.5
+            text += jointed_box(
+                name, own, thick, -length / 2, parent, x, z, f"0 {side} 0", high=round(limit, 3)
+            )
+            parent, x, z = name, 0, -length
+    path = scene.file("gripper.urdf", f'<robot name="gripper">\n{text}</robot>\n')
+    hand = scene.p.loadURDF(path, useFixedBase=True, flags=scene.raw.URDF_USE_INERTIA_FROM_FILE)
+    freed(scene, hand)
+    scene.body("box", (20 * size, 20 * size, 2 * size), 0, (0, 0, -size))
+    box = scene.body("box", (2 * size, 1.3 * size, 2 * size), mass, (scene.flat(-0.1, 0.1) * size, 0, size))
+    for body, link in [(hand, k) for k in range(5)] + [(box, -1)]:
+        scene.p.changeDynamics(body, link, lateralFriction=1.0)
+    way = size / scene.steps
+
+    def lift(world, step):
+        goal = rounded(way * step)
+        world.setJointMotorControl2(hand, 0, world.POSITION_CONTROL, targetPosition=goal, force=1e4)
+
+    lift(scene.p, 0)
+    if not lifts(scene, hand, box, pull * arm, lift):
+        return  # pybullet itself does not
+    scene.energy = False  # the motor's work
+    radius, material = 0.026 * size, scene.material(pull)
+    for side, first in ((1, 1), (-1, 3)):
+        x = (1.83 * size - arm) * side
+        scene.world.add_tunnel(hand, 0, (x, 0, 0.4 * size), (x, 0, -0.4 * size), 2 * radius)
+        ends = (-arm * side, 0, -0.25 * length), (-arm * side, 0, -0.75 * length)
+        scene.world.add_tunnel(hand, first, *ends, 2 * radius)
+        line = (x, 0, high + 2 * size), (x, 0, high - 0.4 * size - 1.8 * length)
+        t = straight(scene, line, material, scene.whole(20, 60), radius)
+        t.attach(-1, hand, first + 1)
+        t.set_force(0, (0, 0, pull))
+    start = scene.place(box)[0][2]
+    scene.run(scene.steps // 3)
+    for step in range(0, 2 * scene.steps // 3, 10):
+        lift(scene.p, step)
+        scene.run(10)
+        in_its_stops(scene, hand, -0.1, 1.5)
+    # Equal pulls let both fingers swing to one side together, and the box with them, by a part of its size.
+    slipped = scene.raw.getJointState(hand, 0)[0] - (scene.place(box)[0][2] - start)
+    scene.check(slipped < 0.5 * size, f"the box slips by {slipped:.4g} m")
+
+
 @family
 def loaded_tray(scene):
     """A tray on four cords, with boxes that stand on it or drop onto it: the cords carry all of them.
