@@ -1,4 +1,4 @@
-// The end of a step whose budget is exhausted.
+// The end of a step whose budget is exhausted, or of which the smallest substep has no finite solution.
 //
 // What can be solved ends the step: one substep is its rest, in which each island gets a few linear solutions
 // more. Left out of it are the islands

@@ -62,8 +62,11 @@ bool World::step(double dt, Vec3 gravity, bool whole, DistanceOracle& oracle) {
     update_proximity(oracle);
     step_.report.near_seconds += seconds_since(asked);
     const std::optional<Reason> again = solve_substep();
-    if (step_.failed) break;
-    if (again)
+    if (step_.failed && step_.substeps.taken() > 0)
+      outlast_failure();
+    else if (step_.failed)
+      break;
+    else if (again)
       solve_again(*again);
     else
       take_substep();
@@ -248,6 +251,13 @@ void World::solve_again(Reason why) {
     step_.substeps.repeat(why);
   for (auto [slot, c] : filled(step_.slots)) c.restore_multipliers();
   predict();
+}
+
+// No smaller substep has a finite solution. What was solved ends the step.
+void World::outlast_failure() {
+  step_.failed = step_.report.converged = false;
+  for (auto [slot, c] : filled(step_.slots)) c.restore_multipliers();
+  end_early();
 }
 
 // Whether contacts are to be detected again where the solution leaves the predicted region. Once the budget

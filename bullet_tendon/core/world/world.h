@@ -355,6 +355,7 @@ class World {
   void inherit_multipliers();
   // world/early_end.cpp
   void end_early();
+  void outlast_failure();
   bool any_moves() const;
   bool stays(const Element& element) const;
   bool stays(const Link& link) const;
