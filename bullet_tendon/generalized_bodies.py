@@ -276,8 +276,6 @@ class JointedBody:
 
     def _read_contacts(self, core, contacts: Contacts, infos: list, keep: bool) -> None:
         """Of its members, with each other and with bodies without mass. infos: dynamics of the links."""
-        if len(self.members) == 1:
-            return
         client, pairs = self.client, []
         for body, member in self._members.items():
             between: dict[tuple, list] = {}  # by body and link, and own link

@@ -1,0 +1,84 @@
+"""Bodies with joints that stand on the ground by their tendons."""
+
+import numpy as np
+import pybullet as p
+import pytest
+
+import bullet_tendon as bt
+
+LEG = 0.3  # m
+ANGLE = 0.5  # of a leg to the vertical [rad]
+FOOT = 0.01  # radius [m]
+TOP = """<robot name="tripod"><link name="top"><inertial><mass value="{mass}"/>
+<inertia ixx="{i}" iyy="{i}" izz="{i}"/></inertial></link>
+"""
+LEG_LINK = """<link name="l{k}"><inertial><origin xyz="0 0 {middle}"/><mass value="{mass}"/>
+<inertia ixx="{i}" iyy="{i}" izz="{small}"/></inertial><collision><origin xyz="0 0 {end}"/>
+<geometry><sphere radius="{foot}"/></geometry></collision></link>
+<joint name="j{k}" type="continuous"><parent link="top"/><child link="l{k}"/>
+<origin xyz="{x} {y} 0" rpy="0 0 {yaw}"/><axis xyz="0 1 0"/></joint>
+"""
+
+
+def tripod(client, tmp_path, mass, leg):
+    """A free top on three legs with hinges, which have masses mass and leg [kg], on a smooth floor."""
+    text = TOP.format(mass=mass, i=1e-3 * mass)
+    for k in range(3):
+        yaw, inertia = 2 * np.pi * k / 3, leg * LEG**2 / 12
+        place = {
+            "x": 0.03 * np.cos(yaw),
+            "y": 0.03 * np.sin(yaw),
+            "yaw": yaw,
+            "middle": -LEG / 2,
+            "end": -LEG,
+        }
+        text += LEG_LINK.format(k=k, mass=leg, i=inertia, small=1e-4 * leg, foot=FOOT, **place)
+    path = tmp_path / "tripod.urdf"
+    path.write_text(text + "</robot>")
+    slab = p.createCollisionShape(p.GEOM_BOX, halfExtents=[2, 2, 0.1], physicsClientId=client)
+    floor = p.createMultiBody(0, slab, basePosition=(0, 0, -0.1), physicsClientId=client)
+    p.changeDynamics(floor, -1, lateralFriction=0, physicsClientId=client)
+    height = LEG * np.cos(ANGLE) + 1.01 * FOOT
+    flags = p.URDF_USE_INERTIA_FROM_FILE
+    body = p.loadURDF(str(path), basePosition=(0, 0, height), flags=flags, physicsClientId=client)
+    damped = {"linearDamping": 0, "angularDamping": 0, "jointDamping": 1e-3, "lateralFriction": 0}
+    for joint in range(3):
+        p.setJointMotorControl2(body, joint, p.VELOCITY_CONTROL, force=0, physicsClientId=client)
+        p.changeDynamics(body, joint, **damped, physicsClientId=client)
+        p.resetJointState(body, joint, -ANGLE, physicsClientId=client)
+    return body
+
+
+@pytest.mark.parametrize("dt", [1 / 1000, 1 / 240, 1 / 120])
+@pytest.mark.parametrize(("mass", "leg"), [(5.0, 0.1), (1.0, 0.01), (20.0, 0.02)])
+@pytest.mark.parametrize("particles", [2, 8])
+def test_strings_between_the_feet_hold_a_tripod_up(make_world, client, tmp_path, dt, mass, leg, particles):
+    """Light legs that stand on the floor are led by it: loose, each string would pull its feet at once.
+
+    Each foot bears a third of the weight. About its hinge that is balanced by the pull H = sqrt(3) T of two
+    strings: H L cos a = (W/3 - w/2) L sin a, with w the weight of a leg, and W of all.
+    """
+    body = tripod(client, tmp_path, mass, leg)
+    world = make_world(dt, (0, 0, -9.81))
+    feet = []
+    for k in range(3):
+        middle, turn = p.getLinkState(body, k, 0, 1, client)[:2]
+        feet.append(p.multiplyTransforms(middle, turn, (0, 0, -LEG / 2), (0, 0, 0, 1))[0])
+    material = bt.Material(stiffness=2e4, damping=50.0, density=100.0)
+    strings = []
+    for k in range(3):
+        t = world.add_tendon([feet[k], feet[(k + 1) % 3]], 8e-4, material, particles, collides=False)
+        t.attach(0, body, k)
+        t.attach(-1, body, (k + 1) % 3)
+        strings.append(t)
+    for _ in range(round(2 / dt)):
+        world.step()
+        assert world.report.converged
+    weight, own = 9.81 * (mass + 3 * leg), 9.81 * leg
+    angle = -np.mean([p.getJointState(body, k, client)[0] for k in range(3)])
+    tension = (weight / 3 - own / 2) * np.tan(angle) / np.sqrt(3)
+    for t in strings:
+        assert t.tension.mean() == pytest.approx(tension, rel=2e-3)
+    place = p.getBasePositionAndOrientation(body, client)[0]
+    assert place[2] == pytest.approx(LEG * np.cos(angle) + FOOT, abs=2e-4)
+    assert np.hypot(*place[:2]) < 1e-3
