@@ -103,19 +103,19 @@ bool has_neighbour(const std::vector<Contact>& contacts, const Contact& contact,
   });
 }
 
-// Keeps a turn if it is the farthest of its tendon.
+// Keeps a turn if it is the farthest of its tendon, which was not reported yet.
 void note_coarse(CoarseTurn& coarse, const CoarseTurn& found) {
   if (std::max(found.sliding, found.winding) <= std::max(coarse.sliding, coarse.winding)) return;
-  const auto [steps, reported] = std::pair(coarse.steps, coarse.reported);
+  const int steps = coarse.steps;
   coarse = found;
   coarse.steps = steps;
-  coarse.reported = reported;
 }
 
 }  // namespace
 
 // Notes the turns of a tendon at a contact with a body that are too far.
 void World::find_coarse_turns_on_body(const Contact& contact, Tendon& c, double gravity) {
+  if (c.coarse.reported) return;
   const bool mesh = contact.key.kind == ContactKind::bone && scene.shapes[contact.key.other]->surface;
   const int k = contact.a.first;
   for (int i : {k, k + 1}) {
@@ -136,6 +136,7 @@ void World::find_coarse_turns_on_tendon(const Contact& contact, bool seen_from_o
   const SegmentPoint &at = seen_from_other ? contact.b : contact.a,
                      &beside = seen_from_other ? contact.a : contact.b;
   Tendon& c = *step_.slots[at.tendon];
+  if (c.coarse.reported) return;
   auto presses_beside = [&](double within) {
     return has_neighbour(contacts_.all, contact, seen_from_other, within);
   };
