@@ -26,7 +26,7 @@ from .tendon import Tendon
 from .tunnels import Tunnel
 
 _PARTS = ("tendons", "tunnels", "obstacles")
-VERSION = 41  # raised whenever an array, or the core's layout, changes
+VERSION = 42  # raised whenever an array, or the core's layout, changes
 _GRIP, _ATTACHMENT, _LINE = 0, 1, 2  # kinds of holds
 _ON_LINKS = {_ATTACHMENT: Attachment, _LINE: Line}
 _NO_LINK = (-1, -2)  # of a slot that is not in use

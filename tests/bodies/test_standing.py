@@ -20,8 +20,11 @@ LEG_LINK = """<link name="l{k}"><inertial><origin xyz="0 0 {middle}"/><mass valu
 """
 
 
-def tripod(client, tmp_path, mass, leg):
-    """A free top on three legs with hinges, which have masses mass and leg [kg], on a smooth floor."""
+def tripod(client, tmp_path, mass, leg, friction=0.0, gap=1e-4):
+    """A free top on three legs with hinges, which have masses mass and leg [kg], over a floor.
+
+    friction: of the feet on the floor. gap: below the feet [m].
+    """
     text = TOP.format(mass=mass, i=1e-3 * mass)
     for k in range(3):
         yaw, inertia = 2 * np.pi * k / 3, leg * LEG**2 / 12
@@ -37,16 +40,33 @@ def tripod(client, tmp_path, mass, leg):
     path.write_text(text + "</robot>")
     slab = p.createCollisionShape(p.GEOM_BOX, halfExtents=[2, 2, 0.1], physicsClientId=client)
     floor = p.createMultiBody(0, slab, basePosition=(0, 0, -0.1), physicsClientId=client)
-    p.changeDynamics(floor, -1, lateralFriction=0, physicsClientId=client)
-    height = LEG * np.cos(ANGLE) + 1.01 * FOOT
+    p.changeDynamics(floor, -1, lateralFriction=1, physicsClientId=client)
+    height = LEG * np.cos(ANGLE) + FOOT + gap
     flags = p.URDF_USE_INERTIA_FROM_FILE
     body = p.loadURDF(str(path), basePosition=(0, 0, height), flags=flags, physicsClientId=client)
-    damped = {"linearDamping": 0, "angularDamping": 0, "jointDamping": 1e-3, "lateralFriction": 0}
+    damped = {"linearDamping": 0, "angularDamping": 0, "jointDamping": 1e-3, "lateralFriction": friction}
+    p.changeDynamics(body, -1, linearDamping=0, angularDamping=0, physicsClientId=client)
     for joint in range(3):
         p.setJointMotorControl2(body, joint, p.VELOCITY_CONTROL, force=0, physicsClientId=client)
         p.changeDynamics(body, joint, **damped, physicsClientId=client)
         p.resetJointState(body, joint, -ANGLE, physicsClientId=client)
     return body
+
+
+def tie(world, client, body, stiffness, particles):
+    """A string of so many particles from each foot to the next one."""
+    feet = []
+    for k in range(3):
+        middle, turn = p.getLinkState(body, k, 0, 1, client)[:2]
+        feet.append(p.multiplyTransforms(middle, turn, (0, 0, -LEG / 2), (0, 0, 0, 1))[0])
+    material = bt.Material(stiffness=stiffness, damping=2.5e-3 * stiffness, density=100.0)
+    strings = []
+    for k in range(3):
+        t = world.add_tendon([feet[k], feet[(k + 1) % 3]], 8e-4, material, particles, collides=False)
+        t.attach(0, body, k)
+        t.attach(-1, body, (k + 1) % 3)
+        strings.append(t)
+    return strings
 
 
 @pytest.mark.parametrize("dt", [1 / 1000, 1 / 240, 1 / 120])
@@ -60,17 +80,7 @@ def test_strings_between_the_feet_hold_a_tripod_up(make_world, client, tmp_path,
     """
     body = tripod(client, tmp_path, mass, leg)
     world = make_world(dt, (0, 0, -9.81))
-    feet = []
-    for k in range(3):
-        middle, turn = p.getLinkState(body, k, 0, 1, client)[:2]
-        feet.append(p.multiplyTransforms(middle, turn, (0, 0, -LEG / 2), (0, 0, 0, 1))[0])
-    material = bt.Material(stiffness=2e4, damping=50.0, density=100.0)
-    strings = []
-    for k in range(3):
-        t = world.add_tendon([feet[k], feet[(k + 1) % 3]], 8e-4, material, particles, collides=False)
-        t.attach(0, body, k)
-        t.attach(-1, body, (k + 1) % 3)
-        strings.append(t)
+    strings = tie(world, client, body, 2e4, particles)
     for _ in range(round(2 / dt)):
         world.step()
         assert world.report.converged
@@ -82,3 +92,55 @@ def test_strings_between_the_feet_hold_a_tripod_up(make_world, client, tmp_path,
     place = p.getBasePositionAndOrientation(body, client)[0]
     assert place[2] == pytest.approx(LEG * np.cos(angle) + FOOT, abs=2e-4)
     assert np.hypot(*place[:2]) < 1e-3
+
+
+@pytest.mark.parametrize("gap", [1e-4, 0.02])
+@pytest.mark.parametrize("friction", [0.3, 0.8])
+@pytest.mark.parametrize(
+    ("dt", "mass", "leg", "stiffness", "particles"),
+    [
+        (1 / 1000, 4.0, 0.25, 2e5, 2),
+        (1 / 1000, 11.0, 0.05, 2e4, 2),
+        (1 / 240, 1.0, 0.01, 4e4, 8),
+        (1 / 240, 11.0, 0.2, 2e4, 2),
+        (1 / 120, 5.0, 0.1, 4e4, 8),
+    ],
+)
+def test_feet_with_friction_stay_on_the_floor(
+    make_world, client, tmp_path, dt, mass, leg, stiffness, particles, gap, friction
+):
+    """What was pressed on the floor has no friction once it lifts off: strings would throw such feet away.
+
+    A tripod that lands gains neither height nor energy, and stands. Friction of up to mu W/3 at each foot
+    takes part of the strings' load or adds to it, in the mean of all feet.
+    """
+    body = tripod(client, tmp_path, mass, leg, friction, gap)
+    world = make_world(dt, (0, 0, -9.81))
+    strings = tie(world, client, body, stiffness, particles)
+    rest = np.linalg.norm(np.diff(strings[0].positions, axis=0), axis=1).sum()
+    weight, own = 9.81 * (mass + 3 * leg), 9.81 * leg
+    start = p.getBasePositionAndOrientation(body, client)[0][2]
+
+    def energy():
+        """Of heights, of the top's velocity and of the strings [J]."""
+        z = p.getBasePositionAndOrientation(body, client)[0][2]
+        links = [p.getLinkState(body, k, 0, 0, client)[0][2] for k in range(3)]
+        speed = np.linalg.norm(p.getBaseVelocity(body, client)[0])
+        long = [np.linalg.norm(np.diff(t.positions, axis=0), axis=1).sum() / rest - 1 for t in strings]
+        stretched = 0.5 * stiffness * rest * np.square(np.maximum(long, 0)).sum()
+        return 9.81 * (mass * z + leg * sum(links)) + 0.5 * mass * speed**2 + stretched
+
+    first = energy()
+    pulls = []
+    for _ in range(round(2 / dt)):
+        world.step()
+        pulls.append([np.sqrt(3) * t.tension.mean() for t in strings])
+        assert p.getBasePositionAndOrientation(body, client)[0][2] < start + 0.01 * LEG
+        assert energy() < first + 2e-3 * weight * LEG
+    angle = -np.mean([p.getJointState(body, k, client)[0] for k in range(3)])
+    at_foot = (weight / 3 - own / 2) * np.tan(angle)
+    mean = np.mean(pulls[len(pulls) // 2 :])  # a light foot may slip and stick again
+    assert abs(mean - at_foot) < friction * weight / 3 + 0.05 * at_foot
+    assert np.linalg.norm(p.getBaseVelocity(body, client)[0]) < 0.02
+    up = p.getMatrixFromQuaternion(p.getBasePositionAndOrientation(body, client)[1])[8]
+    assert up > np.cos(0.02)

@@ -157,8 +157,8 @@ void set_contacts(World& w, int slot, const py::tuple& points, const Links& immo
                                     static_cast<int>(number(point.ptr(), 4))};
     if (std::find(immovable.begin(), immovable.end(), other) == immovable.end()) continue;
     const Vec3 n = vector(item(point.ptr(), 7)), turn = cross(vector(item(point.ptr(), 5)) - centre, n);
-    const double row[7] = {n.x, n.y, n.z, turn.x, turn.y, turn.z, number(point.ptr(), 8)};
-    m.stops.contacts.insert(m.stops.contacts.end(), row, row + 7);
+    const double row[8] = {n.x, n.y, n.z, turn.x, turn.y, turn.z, number(point.ptr(), 8), 0};
+    m.stops.contacts.insert(m.stops.contacts.end(), row, row + 8);
   }
 }
 
@@ -177,8 +177,9 @@ class Touching {
     }
   }
 
-  // Adds the row of a relative velocity along d, at the point p, or of a relative spin about it.
-  void add_row(Vec3 d, const Vec3* p, double last, Numbers& rows) const {
+  // Adds the row of a relative velocity along d, at the point p, or of a relative spin about it. of_row: what
+  // else the row has.
+  void add_row(Vec3 d, const Vec3* p, std::initializer_list<double> of_row, Numbers& rows) const {
     dense::Numbers row(n_);
     for (const Side& side : sides_) {
       const Vec3 linear = side.sign * (p ? d : Vec3{});
@@ -187,7 +188,7 @@ class Touching {
       dense::add_rows(side.jacobian, 6, along, row);
     }
     rows.insert(rows.end(), row.begin(), row.end());
-    rows.push_back(last);
+    rows.insert(rows.end(), of_row);
   }
 
   PyObject* points;
@@ -204,15 +205,16 @@ class Touching {
 };
 
 // Adds the rows of the contact points of two links, and those of their friction: at the middle of the
-// forces of the last step, along two directions and about the normal.
-void add_touching(const Touching& pair, Numbers& contacts, Numbers& frictions) {
+// forces of the last step, along two directions and about the normal. index: of the
+// pair.
+void add_touching(const Touching& pair, double index, Numbers& contacts, Numbers& frictions) {
   Vec3 normal, middle;
   double force = 0, arms = 0;
   std::vector<std::pair<Vec3, double>> pushes;  // places and forces
   for (int k = 0; k < PyTuple_Size(pair.points); ++k) {
     PyObject* point = item(pair.points, k);
     const Vec3 along = vector(item(point, 7)), at = vector(item(point, 5));
-    pair.add_row(along, &at, number(point, 8), contacts);
+    pair.add_row(along, &at, {number(point, 8), index}, contacts);
     pushes.push_back({at, number(point, 9)});
     force += pushes.back().second;
     normal += pushes.back().second * along;
@@ -224,8 +226,8 @@ void add_touching(const Touching& pair, Numbers& contacts, Numbers& frictions) {
   normal = unit_or(normal, {0, 0, 1});
   const Vec3 first = direction_across(std::fabs(normal.x) < 0.5 ? Vec3{1, 0, 0} : Vec3{0, 1, 0}, normal);
   for (const Vec3 along : {first, cross(normal, first)})
-    pair.add_row(along, &middle, pair.friction * force, frictions);
-  pair.add_row(normal, nullptr, pair.friction * arms, frictions);
+    pair.add_row(along, &middle, {pair.friction * force, pair.friction, index}, frictions);
+  pair.add_row(normal, nullptr, {pair.friction * arms, pair.friction * arms / force, index}, frictions);
 }
 
 // Sets the contacts among the links of a body, and with bodies without mass: both links, friction and points
@@ -237,8 +239,9 @@ void set_touching(World& w, int slot, const Articulated& tree, const py::list& p
   m.stops.contacts.clear();
   m.stops.frictions.clear();
   m.stops.contacts_known = keep;
+  double index = 0;
   for (const py::handle& pair : pairs)
-    add_touching(Touching(tree, pair.ptr()), m.stops.contacts, m.stops.frictions);
+    add_touching(Touching(tree, pair.ptr()), index++, m.stops.contacts, m.stops.frictions);
 }
 
 // A force of the user at a world point of the link that a slot stands for, in this step.

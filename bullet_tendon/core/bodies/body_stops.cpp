@@ -59,6 +59,10 @@ constexpr double kNotSolvedRate = 10 * kSolverNoise;
 // Response of a contact itself, as a share of that of the bodies along it [-]. Larger: bodies sink in.
 // Smaller: rounding decides which contacts of a face bear.
 constexpr double kContactYield = 1e-8;
+// Maximum number of times that friction is limited by the normal forces of its own evaluation, and change of
+// a limit that is none, as a share of it [-].
+constexpr int kFrictionRounds = 8;
+constexpr double kSameLimit = 1e-3;
 // Response along a contact, as a share of the free one, that the observer can tell from none [-].
 constexpr double kLeastYield = 1e-3;
 // Response of a joint, as a share of that with all other joints held, below which contacts or constraints
@@ -199,13 +203,8 @@ void BodyStops::add_row(const Body& of, const Stop& stop) {
   work_.through.insert(work_.through.end(), work_.half.begin(), work_.half.end());
 }
 
-void BodyStops::add_stop(const Body& of, double wanted, int coordinate, double ahead) {
-  if (is_held(of, coordinate)) return;
-  Stop s;
-  s.wanted = wanted;
-  s.coordinate = coordinate;
-  s.ahead = ahead;
-  add_row(of, s);
+void BodyStops::add_stop(const Body& of, const Stop& stop) {
+  if (!is_held(of, stop.coordinate)) add_row(of, stop);
 }
 
 double BodyStops::rate_at(size_t limit, double dt) const {
@@ -227,17 +226,24 @@ void BodyStops::find_limits(const Body& of, double dt) {
     const double wanted = rate_at(s, dt);
     work_.direction.assign(of.rates.size(), 0.0);
     work_.direction[i] = limits[s + 1];
-    add_stop(of, wanted, i, wanted > -kFastest ? -limits[s + 2] : kFastest);
+    Stop stop;
+    stop.wanted = wanted;
+    stop.coordinate = i;
+    stop.ahead = wanted > -kFastest ? -limits[s + 2] : kFastest;
+    add_stop(of, stop);
   }
 }
 
 void BodyStops::find_contacts(const Body& of, double dt) {
   const size_t n = of.rates.size();
-  for (size_t c = 0; c + n < contacts.size(); c += n + 1) {
+  for (size_t c = 0; c + n + 1 < contacts.size(); c += n + 2) {
     work_.direction.assign(&contacts[c], &contacts[c] + n);
     // A support on which it rests yields slowly and steadily.
     const double now = dense::dot(work_.direction, of.rates);
-    add_stop(of, rested_ ? now : rate_at_contact(contacts[c + n], dt), -1);
+    Stop s;
+    s.wanted = rested_ ? now : rate_at_contact(contacts[c + n], dt);
+    s.pair = static_cast<int>(contacts[c + n + 1]);
+    add_stop(of, s);
   }
 }
 
@@ -247,7 +253,11 @@ void BodyStops::find_spins(const Body& of, int base) {
       if (i % 6 < 3) continue;  // velocity
       work_.direction.assign(of.rates.size(), 0.0);
       work_.direction[i] = side;
-      add_stop(of, -kFastest, i, kFastest);
+      Stop s;
+      s.wanted = -kFastest;
+      s.coordinate = i;
+      s.ahead = kFastest;
+      add_stop(of, s);
     }
 }
 
@@ -267,15 +277,18 @@ void BodyStops::find_constraints(const Body& of, double dt) {
   }
 }
 
-// By the normal forces of the last step, which those of this one are like where bodies rest on each other.
+// By the normal forces of the last step, which those of this one are like where bodies rest on each other,
+// and no more than by those of this one (limit_frictions).
 void BodyStops::find_frictions(const Body& of) {
   const size_t n = of.rates.size();
-  for (size_t c = 0; c + n < frictions.size(); c += n + 1) {
+  for (size_t c = 0; c + n + 2 < frictions.size(); c += n + 3) {
     work_.direction.assign(&frictions[c], &frictions[c] + n);
     if (is_held(of, -1)) continue;
     Stop s;
     s.friction = s.acts = true;
     s.most = frictions[c + n];
+    s.coefficient = frictions[c + n + 1];
+    s.pair = static_cast<int>(frictions[c + n + 2]);
     s.least = -s.most;
     s.side = 0;
     add_row(of, s);
@@ -385,6 +398,36 @@ void BodyStops::find_pushes(const Body& of, const Numbers& forces, double dt) {
   rows(dt).solve(pushes_);
 }
 
+// What lifts off in this step has no friction left, however hard it was pressed in the last one: strings
+// would throw off a foot that is held by it. The limits only fall within a step: with those that rise again,
+// sliding and lifting go in circles. What contacts bear between motors is not determined: jaws press as
+// before.
+void BodyStops::limit_frictions(double dt) {
+  if (motors.any() || motors.any_reported()) return;
+  for (int round = 0; round < kFrictionRounds && lower_frictions(dt); ++round) rows(dt).solve(pushes_);
+}
+
+// Returns whether any limit has fallen.
+bool BodyStops::lower_frictions(double dt) {
+  bool any = false;
+  for (Stop& s : all_) {
+    if (!s.friction) continue;
+    double normal = 0;
+    bool known = false;
+    for (size_t a = 0; a < all_.size(); ++a) {
+      if (all_[a].friction || all_[a].pair != s.pair) continue;
+      known = true;
+      normal += std::max(pushes_[a], 0.0) / dt;
+    }
+    if (!known) continue;  // the links cannot part (is_held)
+    const double most = std::min(s.most, s.coefficient * normal);
+    any |= most < (1 - kSameLimit) * s.most;
+    s.most = most;
+    s.least = -most;
+  }
+  return any;
+}
+
 // The rows under the forces for which the pushes were computed.
 BoundedRows BodyStops::rows(double dt) const { return {all_, work_.within, work_.left, work_.whole, dt}; }
 
@@ -431,6 +474,7 @@ bool BodyStops::choose(const Body& of, const Numbers& forces, double dt) {
     if (!admit(of, forces, dt)) return false;
     find_pushes(of, forces, dt);
   }
+  limit_frictions(dt);
   for (size_t a = 0; a < m; ++a) {
     Stop& s = all_[a];
     s.held_back = pushes_[a] * work_.within[a * m + a];
@@ -616,6 +660,7 @@ void BodyStops::rest(int n) {
 void BodyStops::share(const Body& of, const Numbers& forces, double dt, Numbers& given) {
   if (!act() && !motors.any()) return;
   find_pushes(of, forces, dt);
+  limit_frictions(dt);
   const size_t m = all_.size(), n = of.rates.size();
   const bool answered = motors_act() || (of.observer.held() && motors.any());
   while (shift_to_limits(of, answered, dt)) find_pushes(of, forces, dt);

@@ -30,9 +30,11 @@ class BodyStops {
   };
 
   // Of joints. The contacts are those of a rigid body, or of bodies that move together.
-  Numbers limits;               // (coordinate, side, depth) of every limit; side 1: it pushes upwards
-  Numbers contacts;             // direction (n) and distance, negative inside, of every contact
-  Numbers frictions;            // direction (n) and largest force of every row of friction
+  Numbers limits;  // (coordinate, side, depth) of every limit; side 1: it pushes upwards
+  // Of every contact: direction (n), distance, negative inside, and the pair of links that touch. Of every
+  // row of friction: direction (n), largest force by the last normal forces, its ratio to these, and the
+  // pair.
+  Numbers contacts, frictions;
   bool contacts_known = false;  // they are those of the next step (pybullet does not restore its own)
   JointMotors motors;
   std::vector<ConstraintRow> constraints;  // of this step
@@ -114,11 +116,13 @@ class BodyStops {
   bool is_held(const Body& of, int coordinate);
   bool may_yield(const Stop& stop) const;
   void add_row(const Body& of, const Stop& stop);
-  void add_stop(const Body& of, double wanted, int coordinate, double ahead = 0);
+  void add_stop(const Body& of, const Stop& stop);
   double rate_at(size_t limit, double dt) const;
   double bounded_by_limits(int coordinate, double aim, double dt) const;
   void push_steadily(const Body& of, const std::vector<int>& coordinates, double dt);
   void find_pushes(const Body& of, const Numbers& forces, double dt);
+  void limit_frictions(double dt);
+  bool lower_frictions(double dt);
   BoundedRows rows(double dt) const;
   bool stops_yielding_motor(size_t row) const;
   bool admit(const Body& of, const Numbers& forces, double dt);

@@ -35,9 +35,11 @@ struct Stop {
   double least = 0, most = kUnlimited;  // bounds of its force [N], [N m]
   int side = -1;  // its force is at the lower bound (-1) or at the upper one (1); 0: it acts
   bool motor = false;
-  bool friction = false;  // of bodies that touch: it sets their relative rate to zero
-  int constraint = -1;    // the row of one that it stands for; -1: none
-  bool yielded = false;   // of a motor: it was within its limit before in this step
+  bool friction = false;   // of bodies that touch: it sets their relative rate to zero
+  double coefficient = 0;  // of friction: its largest force over the normal force [-], [m]
+  int pair = -1;           // of a contact or friction: the two links that touch
+  int constraint = -1;     // the row of one that it stands for; -1: none
+  bool yielded = false;    // of a motor: it was within its limit before in this step
   // Of a motor: it has given what would throw its joint at the rate that pybullet cuts off.
   bool firm = false;
   double given = 0;  // share of its impulse that is applied as a known force [-]

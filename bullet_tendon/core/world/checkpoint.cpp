@@ -181,8 +181,10 @@ struct SizesOfBody {
         fit &= size % 3 == 0;
       else if (field == "shifts")
         fit &= size % 2 == 0;
-      else if (field == "contacts" || field == "frictions")
-        fit &= size % (n + 1) == 0;
+      else if (field == "contacts")
+        fit &= size % (n + 2) == 0;
+      else if (field == "frictions")
+        fit &= size % (n + 3) == 0;
       else if (field == "directions_")
         fit &= size == stops * n;
       else if (field == "external" || field == "motors.reported" || field == "motors.reported_before" ||

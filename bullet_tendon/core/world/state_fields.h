@@ -44,7 +44,7 @@ struct StateFields {
   BT_FIELDS(SpringState, lambda, elastic, slope, unrelaxed, memory)
   BT_FIELDS(TendonCheckpoint, alive, state, structure, shear)
   BT_FIELDS(Stop, wanted, missing, held_back, unstopped, coordinate, acts, admitted, ahead, least, most, side,
-            motor, friction, constraint, yielded, given)
+            motor, friction, coefficient, pair, constraint, yielded, given)
   BT_FIELDS(JointMotor, aim, gained, trend, leap, foreseen, needed, force, limit, greatest, side, lets,
             solved, known)
   BT_FIELDS(BodyStops, all_, directions_, pushes_, unstopped_, doubted_, rested_, broke_, yielded_, ignored_,
