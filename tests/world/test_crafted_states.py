@@ -160,3 +160,39 @@ def test_saved_is_restored_whole(world, client):
     p.restoreState(saved, physicsClientId=client)
     world._core.restore(good)
     assert world._core.save() == good
+
+
+@pytest.mark.parametrize("pair", [-1.0, np.nan, 1e300])
+def test_a_pair_of_links_that_cannot_be(client, make_world, pair):
+    """Friction of a box with a hinge, seven rates, which stands on a floor: a row ends with its pair."""
+    shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.1] * 3, physicsClientId=client)
+    floor = p.createMultiBody(0, shape, basePosition=(0, 0, -0.1), physicsClientId=client)
+    link = {
+        "linkMasses": [0.1],
+        "linkCollisionShapeIndices": [-1],
+        "linkVisualShapeIndices": [-1],
+        "linkPositions": [(0, 0, 0.2)],
+        "linkOrientations": [(0, 0, 0, 1)],
+        "linkInertialFramePositions": [(0, 0, 0)],
+        "linkInertialFrameOrientations": [(0, 0, 0, 1)],
+        "linkParentIndices": [0],
+        "linkJointTypes": [p.JOINT_REVOLUTE],
+        "linkJointAxis": [(0, 1, 0)],
+    }
+    box = p.createMultiBody(1, shape, basePosition=(0, 0, 0.1), **link, physicsClientId=client)
+    p.setJointMotorControl2(box, 0, p.VELOCITY_CONTROL, force=0, physicsClientId=client)
+    for body in (floor, box):
+        p.changeDynamics(body, -1, lateralFriction=1, physicsClientId=client)
+    world = make_world(1 / 240, (0, 0, -9.81))
+    cord = world.add_tendon([(0, 0, 0.3), (0.3, 0, 0.3)], 1e-3, bt.Material(stiffness=1e3), 4)
+    cord.attach(0, box)
+    cord.grip(-1)
+    world.step(20)
+    good = world._core.save()
+    at = good.index(tag("frictions")) + 4
+    (length,) = struct.unpack_from("<Q", good, at)
+    assert length and length % 10 == 0
+    data = bytearray(good)
+    struct.pack_into("<d", data, at + 8 + 8 * 9, pair)
+    assert not restored(world, bytes(data))
+    assert world._core.save() == good

@@ -162,6 +162,9 @@ void require_tendon(const TendonCheckpoint& t, const Tendon& c, size_t links, co
   require(std::is_sorted(s.overlaid.begin(), s.overlaid.end()), "in order");
 }
 
+// Pairs of links that touch are counted in an int.
+constexpr double kMostPairs = 1 << 30;
+
 // Arrays of a body with n coordinates have n, n^2 or 3 n numbers, or none.
 bool fits(const dense::Numbers& list, size_t n) {
   const size_t size = list.size();
@@ -213,6 +216,12 @@ void require_body(const GeneralizedBody& body) {
     sizes.fit &= body.stops.limits[k] >= 0 && body.stops.limits[k] < body.rates.size();
   for (size_t k = 0; k + 1 < body.stops.shifts.size(); k += 2)
     sizes.fit &= body.stops.shifts[k] >= 0 && body.stops.shifts[k] < body.rates.size();
+  // The last number of a row is the pair of links that touch.
+  auto check_pairs = [&](const dense::Numbers& rows, size_t row) {
+    for (size_t k = row - 1; k < rows.size(); k += row) sizes.fit &= rows[k] >= 0 && rows[k] < kMostPairs;
+  };
+  check_pairs(body.stops.contacts, body.rates.size() + 2);
+  check_pairs(body.stops.frictions, body.rates.size() + 3);
   const BodyHistory& history = body.history;
   sizes.fit &= history.known.empty() || history.known.size() == body.rates.size();
   require(sizes.fit, kSizes);
