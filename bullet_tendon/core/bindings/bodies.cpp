@@ -205,8 +205,7 @@ class Touching {
 };
 
 // Adds the rows of the contact points of two links, and those of their friction: at the middle of the
-// forces of the last step, along two directions and about the normal. index: of the
-// pair.
+// forces of the last step, along two directions and about the normal. index: of the pair.
 void add_touching(const Touching& pair, double index, Numbers& contacts, Numbers& frictions) {
   Vec3 normal, middle;
   double force = 0, arms = 0;

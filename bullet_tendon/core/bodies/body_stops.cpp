@@ -203,8 +203,13 @@ void BodyStops::add_row(const Body& of, const Stop& stop) {
   work_.through.insert(work_.through.end(), work_.half.begin(), work_.half.end());
 }
 
-void BodyStops::add_stop(const Body& of, const Stop& stop) {
-  if (!is_held(of, stop.coordinate)) add_row(of, stop);
+void BodyStops::add_stop(const Body& of, double wanted, int coordinate, double ahead) {
+  if (is_held(of, coordinate)) return;
+  Stop s;
+  s.wanted = wanted;
+  s.coordinate = coordinate;
+  s.ahead = ahead;
+  add_row(of, s);
 }
 
 double BodyStops::rate_at(size_t limit, double dt) const {
@@ -226,11 +231,7 @@ void BodyStops::find_limits(const Body& of, double dt) {
     const double wanted = rate_at(s, dt);
     work_.direction.assign(of.rates.size(), 0.0);
     work_.direction[i] = limits[s + 1];
-    Stop stop;
-    stop.wanted = wanted;
-    stop.coordinate = i;
-    stop.ahead = wanted > -kFastest ? -limits[s + 2] : kFastest;
-    add_stop(of, stop);
+    add_stop(of, wanted, i, wanted > -kFastest ? -limits[s + 2] : kFastest);
   }
 }
 
@@ -238,12 +239,13 @@ void BodyStops::find_contacts(const Body& of, double dt) {
   const size_t n = of.rates.size();
   for (size_t c = 0; c + n + 1 < contacts.size(); c += n + 2) {
     work_.direction.assign(&contacts[c], &contacts[c] + n);
+    if (is_held(of, -1)) continue;
     // A support on which it rests yields slowly and steadily.
     const double now = dense::dot(work_.direction, of.rates);
     Stop s;
     s.wanted = rested_ ? now : rate_at_contact(contacts[c + n], dt);
     s.pair = static_cast<int>(contacts[c + n + 1]);
-    add_stop(of, s);
+    add_row(of, s);
   }
 }
 
@@ -253,11 +255,7 @@ void BodyStops::find_spins(const Body& of, int base) {
       if (i % 6 < 3) continue;  // velocity
       work_.direction.assign(of.rates.size(), 0.0);
       work_.direction[i] = side;
-      Stop s;
-      s.wanted = -kFastest;
-      s.coordinate = i;
-      s.ahead = kFastest;
-      add_stop(of, s);
+      add_stop(of, -kFastest, i, kFastest);
     }
 }
 
@@ -412,20 +410,24 @@ bool BodyStops::lower_frictions(double dt) {
   bool any = false;
   for (Stop& s : all_) {
     if (!s.friction) continue;
-    double normal = 0;
-    bool known = false;
-    for (size_t a = 0; a < all_.size(); ++a) {
-      if (all_[a].friction || all_[a].pair != s.pair) continue;
-      known = true;
-      normal += std::max(pushes_[a], 0.0) / dt;
-    }
-    if (!known) continue;  // the links cannot part (is_held)
-    const double most = std::min(s.most, s.coefficient * normal);
+    const double most = std::min(s.most, s.coefficient * normal_force(s.pair, dt));
     any |= most < (1 - kSameLimit) * s.most;
     s.most = most;
     s.least = -most;
   }
   return any;
+}
+
+// Between two links that touch. kUnlimited: they cannot part, and their contacts are no rows (is_held).
+double BodyStops::normal_force(int pair, double dt) const {
+  double sum = 0;
+  bool known = false;
+  for (size_t a = 0; a < all_.size(); ++a) {
+    if (all_[a].friction || all_[a].pair != pair) continue;
+    known = true;
+    sum += std::max(pushes_[a], 0.0) / dt;
+  }
+  return known ? sum : kUnlimited;
 }
 
 // The rows under the forces for which the pushes were computed.

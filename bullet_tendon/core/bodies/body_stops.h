@@ -116,13 +116,14 @@ class BodyStops {
   bool is_held(const Body& of, int coordinate);
   bool may_yield(const Stop& stop) const;
   void add_row(const Body& of, const Stop& stop);
-  void add_stop(const Body& of, const Stop& stop);
+  void add_stop(const Body& of, double wanted, int coordinate, double ahead);
   double rate_at(size_t limit, double dt) const;
   double bounded_by_limits(int coordinate, double aim, double dt) const;
   void push_steadily(const Body& of, const std::vector<int>& coordinates, double dt);
   void find_pushes(const Body& of, const Numbers& forces, double dt);
   void limit_frictions(double dt);
   bool lower_frictions(double dt);
+  double normal_force(int pair, double dt) const;
   BoundedRows rows(double dt) const;
   bool stops_yielding_motor(size_t row) const;
   bool admit(const Body& of, const Numbers& forces, double dt);
