@@ -76,6 +76,7 @@ class Report:
     residual: float
     converged: bool
     over_budget: bool
+    stops_settled: bool
     reasons: list[int]
     worst_tendon: int
     worst_particle: int

@@ -205,6 +205,8 @@ def _convergence(world) -> list[str]:
         return []
     if report.over_budget:
         return ["the last step was stopped by its budget: raise max_linear_solves or time_budget"]
+    if not report.stops_settled:
+        return ["the last step's joint limits, motors and contacts did not settle: shorten the time step"]
     found = f"the last step was not solved (residual {report.residual:.2g})"
     return [f"{found}: shorten the time step or lower the load"]
 

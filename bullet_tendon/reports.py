@@ -97,6 +97,9 @@ class StepReport:
             the previous one was solved again; iterations, linear_solves and the other reasons include that.
         over_budget: whether max_linear_solves or time_budget stopped the step before it was solved; converged
             is then False.
+        stops_settled: whether joint limits, motors, constraints and contacts of all bodies act as the forces
+            of the solution ask for. False: they still changed after the step had been solved with six other
+            sets of them, and the last one was taken; converged is then False.
         tolerance: what the residual was to reach; None of methods that do not iterate.
 
     Example:
@@ -114,6 +117,7 @@ class StepReport:
     search_seconds: float = 0.0
     reasons: dict[str, int] = dataclasses.field(default_factory=dict)
     over_budget: bool = False
+    stops_settled: bool = True
     tolerance: float | None = None
 
     def __repr__(self) -> str:
@@ -130,11 +134,15 @@ class StepReport:
         """Why the step was not solved further.
 
         "tolerance": it was reached; "rounding": the residual is above it, and is rounding, or moves nothing
-        (see converged); "method": it does not iterate; "budget": over_budget; "failure": not converged
-        within the budget.
+        (see converged); "method": it does not iterate; "budget": over_budget; "stops": not stops_settled;
+        "failure": not converged within the budget.
         """
+        if not self.converged and self.over_budget:
+            return "budget"
+        if not self.stops_settled:
+            return "stops"
         if not self.converged:
-            return "budget" if self.over_budget else "failure"
+            return "failure"
         if self.tolerance is None:
             return "method"
         return "tolerance" if self.residual <= self.tolerance else "rounding"
@@ -154,6 +162,7 @@ class StepReport:
             core.search_seconds,
             {name: count for name, count in zip(REASONS, core.reasons, strict=True) if count},
             core.over_budget,
+            core.stops_settled,
             tolerance,
         )
 
@@ -168,6 +177,7 @@ class StepReport:
             if count:
                 self.reasons[name] = self.reasons.get(name, 0) + count
         self.over_budget |= core.over_budget
+        self.stops_settled &= core.stops_settled or not solved
         self.converged &= core.converged or not solved
 
 

@@ -144,3 +144,24 @@ def test_feet_with_friction_stay_on_the_floor(
     assert np.linalg.norm(p.getBaseVelocity(body, client)[0]) < 0.02
     up = p.getMatrixFromQuaternion(p.getBasePositionAndOrientation(body, client)[1])[8]
     assert up > np.cos(0.02)
+
+
+def test_steps_whose_stops_do_not_settle_say_so(make_world, client, tmp_path):
+    """Light feet that strings pull to and fro within their friction: the sets of stops go in circles.
+
+    Such a step is taken with the last set, after six others, and has not converged. All others have.
+    """
+    body = tripod(client, tmp_path, 1.0, 0.01, friction=0.3, gap=0.02)
+    world = make_world(1 / 240, (0, 0, -9.81))
+    tie(world, client, body, 4e4, 8)
+    told = 0
+    for _ in range(120):
+        world.step()
+        report = world.report
+        assert report.converged == report.stops_settled == (report.ended_by != "stops")
+        if report.stops_settled:
+            continue
+        told += 1
+        assert report.reasons["joint_stops"] >= 6
+        assert "did not settle" in world.describe()
+    assert 0 < told < 120

@@ -297,6 +297,7 @@ void bind_steps(py::module_& m, GuardedWorld& world) {
       .def_readonly("solve_seconds", &Report::solve_seconds)
       .def_readonly("search_seconds", &Report::search_seconds)
       .def_readonly("over_budget", &Report::over_budget)
+      .def_readonly("stops_settled", &Report::stops_settled)
       .def_readonly("coarse_tendon", &Report::coarse_tendon)
       .def_readonly("flat_cartilage", &Report::flat_cartilage)
       .def_property_readonly(

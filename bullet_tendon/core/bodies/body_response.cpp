@@ -165,6 +165,10 @@ bool GeneralizedBody::settle_stops(double dt) {
   return true;
 }
 
+bool GeneralizedBody::stops_settled(double dt) {
+  return !stops.any() || !stops.would_change(stopped(), forces, dt);
+}
+
 void GeneralizedBody::add_external(const Numbers& force) {
   external.resize(n());
   dense::add(external, 1, force);

@@ -160,6 +160,8 @@ struct GeneralizedBody {
   // Determines the stops that act under the forces of the tendons. Returns whether they are other ones than
   // before.
   bool settle_stops(double dt);
+  // Whether the stops act as the forces of the solution ask for.
+  bool stops_settled(double dt);
   // Forgets the substeps.
   void begin_step();
   // Sets `changed` and `changes_to`. before, at_end: shares of the step that are over then [-].

@@ -491,6 +491,15 @@ bool BodyStops::choose(const Body& of, const Numbers& forces, double dt) {
   return other;
 }
 
+bool BodyStops::would_change(const Body& of, const Numbers& forces, double dt) {
+  const std::vector<Stop> rows = all_;
+  const Numbers pushes = pushes_;
+  const bool other = choose(of, forces, dt);
+  all_ = rows;
+  pushes_ = pushes;
+  return other;
+}
+
 bool BodyStops::overpowered(const Body& of, const Numbers& forces, double dt) {
   return motors_act() && choose_motors(of, forces, dt);
 }

@@ -62,6 +62,8 @@ class BodyStops {
   void find(const Body& of, int base, double dt);
   // Determines those that act under these forces of the tendons (n). Returns whether they changed.
   bool choose(const Body& of, const Numbers& forces, double dt);
+  // Whether they would change, without changing them.
+  bool would_change(const Body& of, const Numbers& forces, double dt);
   // Whether a motor that holds its joint yields to these forces of the tendons (n).
   bool overpowered(const Body& of, const Numbers& forces, double dt);
   // Takes the directions of those that act from the response, and sets the rates along them.

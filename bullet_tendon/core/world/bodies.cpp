@@ -178,13 +178,18 @@ bool World::limit_holds() {
 }
 
 // Updates joint limits, motors and contacts of bodies to the forces of this solution. Returns the reason to
-// solve again if any changed.
+// solve again if any changed. After kMostDetections changes they stay as they are, and the report tells
+// whether they would change.
 std::optional<Reason> World::settle_stops() {
-  if (step_.whole || step_.stop_changes >= kMostDetections ||
-      std::none_of(scene.bodies.begin(), scene.bodies.end(),
-                   [](const GeneralizedBody& m) { return m.stops.any(); }))
+  if (step_.whole || std::none_of(scene.bodies.begin(), scene.bodies.end(),
+                                  [](const GeneralizedBody& m) { return m.stops.any(); }))
     return {};
   measure_forces();
+  if (step_.stop_changes >= kMostDetections) {
+    for (GeneralizedBody& body : scene.bodies)
+      if (!body.stays) step_.attempt.stops_settled &= body.stops_settled(step_.substeps.step());
+    return {};
+  }
   bool other = false, yields = false;
   for (size_t m = 0; m < scene.bodies.size(); ++m) {
     GeneralizedBody& body = scene.bodies[m];

@@ -205,7 +205,8 @@ void Report::take(const Report& part) {
     worst_tendon = part.worst_tendon;
     worst_particle = part.worst_particle;
   }
-  converged &= part.converged;
+  converged &= part.converged && part.stops_settled;
+  stops_settled &= part.stops_settled;
   contacts = part.contacts;
   islands = part.islands;
 }
