@@ -179,15 +179,17 @@ bool World::limit_holds() {
 
 // Updates joint limits, motors and contacts of bodies to the forces of this solution. Returns the reason to
 // solve again if any changed. After kMostDetections changes they stay as they are, and the report tells
-// whether they would change.
+// whether they would change: in the last substep, because stops act evenly in the whole step.
 std::optional<Reason> World::settle_stops() {
-  if (step_.whole || std::none_of(scene.bodies.begin(), scene.bodies.end(),
-                                  [](const GeneralizedBody& m) { return m.stops.any(); }))
+  const bool may_change = step_.stop_changes < kMostDetections;
+  if (step_.whole || !(may_change || step_.substeps.is_last()) ||
+      std::none_of(scene.bodies.begin(), scene.bodies.end(),
+                   [](const GeneralizedBody& m) { return m.stops.any(); }))
     return {};
   measure_forces();
-  if (step_.stop_changes >= kMostDetections) {
+  if (!may_change) {
     for (GeneralizedBody& body : scene.bodies)
-      if (!body.stays) step_.attempt.stops_settled &= body.stops_settled(step_.substeps.step());
+      step_.attempt.stops_settled &= body.stays || body.stops_settled(step_.substeps.step());
     return {};
   }
   bool other = false, yields = false;
