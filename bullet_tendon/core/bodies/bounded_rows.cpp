@@ -23,31 +23,43 @@ bool BoundedRows::solve(Numbers& pushes) const {
   const size_t m = rows_.size();
   Sides sides(m);
   for (size_t a = 0; a < m; ++a) sides[a] = side_of(a, pushes[a]);
-  leave_to_motors(sides);
+  const std::vector<size_t> motors = find_motors();
+  leave_to_motors(motors, sides);
   Numbers solved(m);
   for (size_t pivot = 0; pivot < kPivotsPerRow * m; ++pivot) {
     solve_acting(sides, solved);
-    const std::pair<size_t, int> wrong = first_wrong(sides, solved);
+    const std::pair<size_t, int> wrong = first_wrong(motors, sides, solved);
     if (wrong.first == m) {
       pushes = solved;
       return true;
     }
     sides[wrong.first] = wrong.second;
-    leave_to_motors(sides);
+    leave_to_motors(motors, sides);
   }
   return false;
 }
 
-// A motor that holds its joint does so within its limits: these do not act as well, which would be singular.
-void BoundedRows::leave_to_motors(Sides& sides) const {
-  for (size_t a = 0; a < sides.size(); ++a)
-    if (!rows_[a].motor && held_by_motor(a, sides)) sides[a] = -1;
+// Of every limit, the row of the motor of its joint. Of other rows, and where there is none: the number of
+// rows.
+std::vector<size_t> BoundedRows::find_motors() const {
+  const size_t m = rows_.size();
+  std::vector<size_t> motors(m, m);
+  for (size_t b = 0; b < m; ++b) {
+    if (!rows_[b].motor) continue;
+    for (size_t a = 0; a < m; ++a)
+      if (!rows_[a].motor && rows_[a].coordinate == rows_[b].coordinate) motors[a] = b;
+  }
+  return motors;
 }
 
-bool BoundedRows::held_by_motor(size_t row, const Sides& sides) const {
-  for (size_t b = 0; b < sides.size(); ++b)
-    if (rows_[b].motor && rows_[b].coordinate == rows_[row].coordinate) return sides[b] == 0;
-  return false;
+// A motor that holds its joint does so within its limits: these do not act as well, which would be singular.
+void BoundedRows::leave_to_motors(const std::vector<size_t>& motors, Sides& sides) {
+  for (size_t a = 0; a < sides.size(); ++a)
+    if (held_by_motor(a, motors, sides)) sides[a] = -1;
+}
+
+bool BoundedRows::held_by_motor(size_t row, const std::vector<size_t>& motors, const Sides& sides) {
+  return motors[row] < sides.size() && sides[motors[row]] == 0;
 }
 
 // Sets pushes to the impulses of all rows: of those that are within their bounds, such that they lack
@@ -70,14 +82,15 @@ void BoundedRows::solve_acting(const Sides& sides, Numbers& pushes) const {
 }
 
 // The first row with a wrong side, and the side that it changes to; none: the number of rows.
-std::pair<size_t, int> BoundedRows::first_wrong(const Sides& sides, const Numbers& pushes) const {
+std::pair<size_t, int> BoundedRows::first_wrong(const std::vector<size_t>& motors, const Sides& sides,
+                                                const Numbers& pushes) const {
   const size_t m = sides.size();
   for (size_t a = 0; a < m; ++a) {
     const Stop& row = rows_[a];
     if (sides[a] == 0) {
       if (pushes[a] < bound(a, -1)) return {a, -1};
       if (pushes[a] > bound(a, 1)) return {a, 1};
-    } else if (row.least < row.most && row.admitted && (row.motor || !held_by_motor(a, sides))) {
+    } else if (row.least < row.most && row.admitted && !held_by_motor(a, motors, sides)) {
       const double lacking = lacks(a, pushes);
       const double rounding = kSettled * (whole_[a] + std::fabs(left_[a] - lacking));
       if (-sides[a] * lacking > rounding) return {a, 0};

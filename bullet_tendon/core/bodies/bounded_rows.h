@@ -79,10 +79,12 @@ class BoundedRows {
 
  private:
   using Sides = std::vector<int>;
-  void leave_to_motors(Sides& sides) const;
-  bool held_by_motor(size_t row, const Sides& sides) const;
+  std::vector<size_t> find_motors() const;
+  static void leave_to_motors(const std::vector<size_t>& motors, Sides& sides);
+  static bool held_by_motor(size_t row, const std::vector<size_t>& motors, const Sides& sides);
   void solve_acting(const Sides& sides, Numbers& pushes) const;
-  std::pair<size_t, int> first_wrong(const Sides& sides, const Numbers& pushes) const;
+  std::pair<size_t, int> first_wrong(const std::vector<size_t>& motors, const Sides& sides,
+                                     const Numbers& pushes) const;
   double sweep(Numbers& pushes, bool backwards) const;
 
   const std::vector<Stop>& rows_;
