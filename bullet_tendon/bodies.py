@@ -100,6 +100,7 @@ class Bodies:
         self._slots: dict[tuple[int, int], int] = {}
         self._bodies: list | None = None  # generalized, of the links in use
         self._members: dict[int, tuple[int, ...]] = {}  # of the generalized bodies, by slot
+        self._others: dict[int, tuple[int, bytes]] = {}  # marks of members that have no links in use
         self._moved_together: list[tuple[int, ...]] = []  # the same in the last step
         self._contacts = Contacts(client)
         self._touching: list[tuple[int, int]] = []  # bodies that touch each other
@@ -205,6 +206,7 @@ class Bodies:
         self.require_alive()
         for slot in self._unused:
             self._core.clear_link(slot)
+        self._leave_removed()
         before = list(self._members.values())
         self._read_constraints()
         self._read_touching()
@@ -233,7 +235,7 @@ class Bodies:
         kept = self._core.kept_touching()
         if kept is None:
             found = self._contacts.pairs(self._movable, self._rates_of)
-            if found != self._touching and self._was_released():
+            if found != self._touching and self.sample():
                 return  # what is known of it is needed once more
         else:
             there = set(bodies_of(self.client))
@@ -243,10 +245,17 @@ class Bodies:
             self._touching = found
             self._bodies = None
 
-    def _was_released(self) -> bool:
-        """Whether what was held in the last step was released in it, by bodies that are all there."""
-        there = set(bodies_of(self.client))
-        return all(there.issuperset(body.members) for body in self._generalized()) and self.sample()
+    def _leave_removed(self) -> None:
+        """Let nothing move together with a body that was removed, or with another one that has its id now."""
+        if self._bodies is None or self._marks.all_hold(self._others.values()):
+            return
+        gone = {body for body, mark in self._others.items() if not self._marks.holds(mark)}
+        for body in self._bodies:
+            if not gone.isdisjoint(body.members):
+                self._core.forget_body(body.slot)
+        self._touching = [pair for pair in self._touching if gone.isdisjoint(pair)]
+        self._constraints = read_constraints(self.client)
+        self._bodies = None
 
     def _begin_contacts(self) -> None:
         self._generalized()
@@ -272,6 +281,7 @@ class Bodies:
     def keep_contacts(self) -> None:
         """What free bodies rest on becomes part of the core's state."""
         if p.isConnected(self.client) and not any(map(self.is_gone, self._used())):
+            self._leave_removed()
             self._begin_contacts()
             for body in self._generalized():
                 body.keep_contacts(self._core, self._contacts)
@@ -295,6 +305,8 @@ class Bodies:
             self._bodies = [
                 found for group in together for found in generalized_bodies(group, slots, marks, self.client)
             ]
+            others = {member for group in together for member in group} - marks.keys()
+            self._others = {body: self._marks.mark(body) for body in sorted(others)}
             self._rates = {}
             counts = {body: self._rates_of(body) for body in slots}
             self._movable = {body: count for body, count in counts.items() if count > 0}
