@@ -100,7 +100,7 @@ class Bodies:
         self._slots: dict[tuple[int, int], int] = {}
         self._bodies: list | None = None  # generalized, of the links in use
         self._members: dict[int, tuple[int, ...]] = {}  # of the generalized bodies, by slot
-        self._others: dict[int, tuple[int, bytes]] = {}  # marks of members that have no links in use
+        self._joined: dict[int, tuple[int, bytes]] = {}  # marks of bodies that move together with others
         self._moved_together: list[tuple[int, ...]] = []  # the same in the last step
         self._contacts = Contacts(client)
         self._touching: list[tuple[int, int]] = []  # bodies that touch each other
@@ -247,12 +247,12 @@ class Bodies:
 
     def _leave_removed(self) -> None:
         """Let nothing move together with a body that was removed, or with another one that has its id now."""
-        if self._bodies is None or self._marks.all_hold(self._others.values()):
+        gone = {body for body, mark in self._joined.items() if not self._marks.holds(mark)}
+        if not gone:
             return
-        gone = {body for body, mark in self._others.items() if not self._marks.holds(mark)}
-        for body in self._bodies:
-            if not gone.isdisjoint(body.members):
-                self._core.forget_body(body.slot)
+        for slot, members in self._members.items():
+            if not gone.isdisjoint(members):
+                self._core.forget_body(slot)
         self._touching = [pair for pair in self._touching if gone.isdisjoint(pair)]
         self._constraints = read_constraints(self.client)
         self._bodies = None
@@ -305,8 +305,8 @@ class Bodies:
             self._bodies = [
                 found for group in together for found in generalized_bodies(group, slots, marks, self.client)
             ]
-            others = {member for group in together for member in group} - marks.keys()
-            self._others = {body: self._marks.mark(body) for body in sorted(others)}
+            joined = [body for group in together if len(group) > 1 for body in group]
+            self._joined = {body: self._marks.mark(body) for body in joined}
             self._rates = {}
             counts = {body: self._rates_of(body) for body in slots}
             self._movable = {body: count for body, count in counts.items() if count > 0}

@@ -38,36 +38,51 @@ def tray_on_ropes(world, client):
 
 
 def two_boxes(client, height):
-    """A body of two links, where there was one of one."""
+    """A box with another one on it, on a hinge: instead of a body without links."""
     shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.02] * 3, physicsClientId=client)
-    nothing = {
-        "linkVisualShapeIndices": [-1],
-        "linkInertialFramePositions": [[0, 0, 0]],
-        "linkInertialFrameOrientations": [[0, 0, 0, 1]],
-    }
     return p.createMultiBody(
         MASS,
         shape,
         basePosition=(0, 0, height),
         linkMasses=[0.5],
         linkCollisionShapeIndices=[shape],
+        linkVisualShapeIndices=[-1],
         linkPositions=[[0, 0, 0.04]],
         linkOrientations=[[0, 0, 0, 1]],
+        linkInertialFramePositions=[[0, 0, 0]],
+        linkInertialFrameOrientations=[[0, 0, 0, 1]],
         linkParentIndices=[0],
         linkJointTypes=[p.JOINT_REVOLUTE],
         linkJointAxis=[[0, 0, 1]],
         physicsClientId=client,
-        **nothing,
     )
 
 
+def tie_loosely(world, body):
+    """A slack tendon to the body; what takes it out again."""
+    slack = world.add_tendon([[0, 0, 0.5], [0, 0, 0.05]], 1e-3, ROPE, 4, rest_length=0.6, collides=False)
+    slack.grip(0)
+    slack.attach(-1, body, -1)
+    return lambda: world.remove_tendon(slack)
+
+
+def touch(world, body):
+    """The body is an obstacle; what takes it out again."""
+    world.add_obstacle(body)
+    return lambda: world.remove_obstacle(body)
+
+
+KNOWN = {"not": lambda world, body: lambda: None, "by a tendon": tie_loosely, "as an obstacle": touch}
+
+
+@pytest.mark.parametrize("known", KNOWN)
 @pytest.mark.parametrize("joined", [False, True])
 @pytest.mark.parametrize("instead", [None, "same", "other"])
 @pytest.mark.parametrize("call", CALLS)
-def test_ropes_carry_what_is_still_there(make_world, client, call, instead, joined):
+def test_ropes_carry_what_is_still_there(make_world, client, call, instead, joined, known):
     """Whatever is asked first. instead: what takes the place, and the id, of the one that is removed.
 
-    joined: a constraint joins it to the tray.
+    joined: a constraint joins it to the tray. known: how the world knows it.
     """
     world = make_world(1 / 240, (0, 0, -G))
     tray, ropes = tray_on_ropes(world, client)
@@ -75,10 +90,12 @@ def test_ropes_carry_what_is_still_there(make_world, client, call, instead, join
     if joined:
         at = (0, 0, 0.01), (0, 0, -0.02)
         p.createConstraint(tray, -1, stands, -1, p.JOINT_FIXED, (0, 0, 0), *at, physicsClientId=client)
+    take_out = KNOWN[known](world, stands)
     world.step(240)
     carried = sum(rope.tension.mean() for rope in ropes)
     assert carried == pytest.approx((TRAY + MASS) * G, rel=1e-3)
     p.removeBody(stands, physicsClientId=client)
+    take_out()
     left = TRAY
     if instead == "same":
         assert box(client, [0.02] * 3, 0.03, MASS) == stands
