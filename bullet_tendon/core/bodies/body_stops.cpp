@@ -500,8 +500,13 @@ bool BodyStops::would_change(const Body& of, const Numbers& forces, double dt) {
   return other;
 }
 
+// A motor at its limit that could hold its joint says nothing: stiffer contacts press more on it.
 bool BodyStops::overpowered(const Body& of, const Numbers& forces, double dt) {
-  return motors_act() && choose_motors(of, forces, dt);
+  if (!motors_act()) return false;
+  choose_motors(of, forces, dt);
+  for (size_t a = 0; a < all_.size(); ++a)
+    if (all_[a].motor && all_[a].acts && rows(dt).side_of(a, pushes_[a]) != 0) return true;
+  return false;
 }
 
 void BodyStops::act_on(const Body& of, double dt) {
