@@ -51,7 +51,7 @@ void Observer::observe(const Numbers& rates, const Numbers& free, const Numbers&
     if (!of.jointed) leave_out_cut();
     work_.now.root_acceleration = work_.now.acceleration;
     forward(root_, work_.now.root_acceleration);
-    if (!cut || of.jointed) released_ = hold_.acts && was_released(work_.now);
+    if (!of.thrown && (!cut || of.jointed)) released_ = hold_.acts && was_released(work_.now);
     end_yielding();
     if (!cut && !released_ && samples_ > 0 && !was_cut() && !of.stops_known && !of.joined)
       learn(work_.now, gravity, of);
