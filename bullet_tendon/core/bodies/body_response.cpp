@@ -91,7 +91,7 @@ void GeneralizedBody::sense() {
   const double noise = rough ? kUnlimited : stops.act() ? kSolverNoise : 0;
   observer.observe(rates, free, unforced(),
                    {alone, is_jointed(), stops.contacts_stop(),
-                    stops.constraints_act() && stops.limits.empty(), noise, by_motors, motors.thrown});
+                    stops.constraints_act(), noise, by_motors, motors.thrown});
   if (inertia.is_slender()) observer.turn_to(inertia.axes, free);
   take_owed();
   stops.contacts_known = motors.reported_known = false;

@@ -42,8 +42,8 @@ class Observer {
  public:
   // What is known of the last step. alone: the motion of a rigid body was predicted completely, except for a
   // push. jointed: it is an articulated body. stops_known: its stops are predicted, and nothing is learned.
-  // joined: constraints join rigid bodies, and no hold is learned: what pybullet's sweeps over constraints
-  // leave would seem to be one. noise: error of the rates, from which nothing is learned. motors: generalized
+  // joined: constraints hold it, and no hold is learned: what pybullet's sweeps over constraints leave would
+  // seem to be one. noise: error of the rates, from which nothing is learned. motors: generalized
   // forces of the motors of its joints (n); empty: none. thrown: one of them has released its joint.
   struct Circumstances {
     bool alone, jointed, stops_known, joined;
