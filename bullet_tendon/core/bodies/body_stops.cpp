@@ -309,8 +309,11 @@ void BodyStops::find_motors(const Body& of, double dt) {
       steady.push_back(coordinate);
       continue;
     }
-    m.foreseen = bounded_by_limits(coordinate, m.foreseen, dt);
+    const double aim = std::exchange(m.foreseen, bounded_by_limits(coordinate, m.foreseen, dt));
     Stop s;
+    // What a limit holds back, its motor does not.
+    s.least = aim > m.foreseen ? 0 : -kUnlimited;
+    s.most = aim < m.foreseen ? 0 : kUnlimited;
     s.wanted = m.foreseen;
     s.coordinate = coordinate;
     s.motor = true;
@@ -363,8 +366,9 @@ void BodyStops::bound_motor(Stop& s, double thrown) const {
   const bool known = m.limit < kUnlimited;
   s.firm = !known && thrown * m.greatest >= kCutOff * kMostRate;
   const double most = known || s.firm ? m.limit : kShown * kMostRate / thrown;
-  s.least = m.lets > 0 ? most : -most;
-  s.most = m.lets < 0 ? -most : most;
+  const double least = std::clamp(m.lets > 0 ? most : -most, s.least, s.most);
+  s.most = std::clamp(m.lets < 0 ? -most : most, s.least, s.most);
+  s.least = least;
 }
 
 // Whether it holds its joint, and may be found to yield at a limit that is not known.
@@ -483,7 +487,7 @@ bool BodyStops::choose(const Body& of, const Numbers& forces, double dt) {
     const int side = rows(dt).side_of(a, pushes_[a]);
     // A stop acts if it changes the rate by more than rounding.
     const bool acts = s.sets_rate() ? side == 0 : s.held_back > kRoundingShare * work_.whole[a];
-    s.yielded |= s.motor && s.acts && !acts;
+    s.yielded |= s.motor && s.acts && !acts && rows(dt).bound(a, side) != 0;
     other |= s.sets_rate() && side != s.side;
     s.side = side;
     other |= std::exchange(s.acts, acts) != acts;
