@@ -89,9 +89,9 @@ void GeneralizedBody::sense() {
   // rates that are expected.
   const bool rough = motors.thrown || (motors.any() && stops.limits_act());
   const double noise = rough ? kUnlimited : stops.act() ? kSolverNoise : 0;
-  observer.observe(rates, free, unforced(),
-                   {alone, is_jointed(), stops.contacts_stop(),
-                    stops.constraints_act(), noise, by_motors, motors.thrown});
+  observer.observe(
+      rates, free, unforced(),
+      {alone, is_jointed(), stops.contacts_stop(), stops.constraints_act(), noise, by_motors, motors.thrown});
   if (inertia.is_slender()) observer.turn_to(inertia.axes, free);
   take_owed();
   stops.contacts_known = motors.reported_known = false;
