@@ -54,6 +54,14 @@ def step(world, links):
         (2.0, 0.5, 60.0, 0.006, 0.5, 1 / 120),
         (2.0, 0.5, 30.0, 0.002, 0.5, 1 / 120),  # a limit is nearer than what the motors aim at
         (2.0, 0.5, 30.0, 0.002, 5.0, 1 / 120),
+        (
+            2.8,
+            0.43,
+            300.0,
+            0.004,
+            0.5,
+            1 / 120,
+        ),  # forces of held jaws would throw them onto their other limit
         (0.05, 0.0, 50.0, 0.004, 0.1, 1 / 500),
     ],
 )

@@ -105,6 +105,8 @@ double rate_at_contact(double distance, double dt) {
 // (JointMotors::add_cut_off).
 bool is_pending(const Stop& s) { return s.acts && !s.motor && s.given == 0; }
 
+bool is_limit(const Stop& s) { return s.coordinate >= 0 && !s.motor; }
+
 double largest_of(const Numbers& a) { return bt::largest_of(a.data(), static_cast<int>(a.size())); }
 
 }  // namespace
@@ -461,14 +463,17 @@ bool BodyStops::admit(const Body& of, const Numbers& forces, double dt) {
   return any;
 }
 
-// Determines which motors are at their limit, with the stops that act or fewer. The forces of a solution in
-// which a motor held its joint would throw this joint beyond other stops where it yields. Returns whether any
-// motor has changed.
-bool BodyStops::choose_motors(const Body& of, const Numbers& forces, double dt) {
+// Determines which motors are at their limit, and which joints leave theirs, with the stops that act or
+// fewer. The forces of a solution in which a joint was held would throw it beyond other stops where it
+// yields. Returns whether any has changed.
+bool BodyStops::choose_holding(const Body& of, const Numbers& forces, double dt) {
   for (Stop& s : all_) s.admitted = s.sets_rate() || s.acts;
   find_pushes(of, forces, dt);
-  for (size_t a = 0; a < all_.size(); ++a)
-    if (all_[a].motor && rows(dt).side_of(a, pushes_[a]) != all_[a].side) return true;
+  for (size_t a = 0; a < all_.size(); ++a) {
+    const Stop& s = all_[a];
+    if (s.motor ? rows(dt).side_of(a, pushes_[a]) != s.side : is_limit(s) && s.acts && !(pushes_[a] > 0))
+      return true;
+  }
   return false;
 }
 
@@ -476,7 +481,8 @@ bool BodyStops::choose_motors(const Body& of, const Numbers& forces, double dt) 
 bool BodyStops::choose(const Body& of, const Numbers& forces, double dt) {
   const size_t m = all_.size();
   bool other = false;
-  if (!(motors.any() && choose_motors(of, forces, dt))) {
+  const bool holds = motors.any() || any_acts(is_limit);
+  if (!(holds && choose_holding(of, forces, dt))) {
     if (!admit(of, forces, dt)) return false;
     find_pushes(of, forces, dt);
   }
@@ -507,7 +513,7 @@ bool BodyStops::would_change(const Body& of, const Numbers& forces, double dt) {
 // A motor at its limit that could hold its joint says nothing: stiffer contacts press more on it.
 bool BodyStops::overpowered(const Body& of, const Numbers& forces, double dt) {
   if (!motors_act()) return false;
-  choose_motors(of, forces, dt);
+  choose_holding(of, forces, dt);
   for (size_t a = 0; a < all_.size(); ++a)
     if (all_[a].motor && all_[a].acts && rows(dt).side_of(a, pushes_[a]) != 0) return true;
   return false;

@@ -129,7 +129,7 @@ class BodyStops {
   BoundedRows rows(double dt) const;
   bool stops_yielding_motor(size_t row) const;
   bool admit(const Body& of, const Numbers& forces, double dt);
-  bool choose_motors(const Body& of, const Numbers& forces, double dt);
+  bool choose_holding(const Body& of, const Numbers& forces, double dt);
   bool pybullet_cuts_off(const Body& of, const Numbers& forces, const Numbers& given, double dt);
   double share_cut_off(const Body& of, const Numbers& forces, double dt, const Numbers& given);
   void give_cut_off(const Body& of, const Numbers& forces, double dt, Numbers& given);
